@@ -1,0 +1,21 @@
+/* SPDX-License-Identifier: MIT */
+/** clock.h - monotonic time in nanoseconds.  Threads: any. */
+#ifndef FORMATS_BASE_CLOCK_H
+#define FORMATS_BASE_CLOCK_H
+
+#include <stdint.h>
+#include <time.h>
+
+#define NS_PER_US UINT64_C(1000)
+#define NS_PER_MS UINT64_C(1000000)
+#define NS_PER_S  UINT64_C(1000000000)
+
+static inline uint64_t clock_now_ns(void)
+{
+	struct timespec now;
+
+	(void)clock_gettime(CLOCK_MONOTONIC, &now);
+	return (uint64_t)now.tv_sec * NS_PER_S + (uint64_t)now.tv_nsec;
+}
+
+#endif /* FORMATS_BASE_CLOCK_H */

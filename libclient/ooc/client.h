@@ -1,0 +1,218 @@
+/* SPDX-License-Identifier: MIT */
+/**
+ * client.h - look at stores through the cache that all programs of a machine share.
+ *
+ *	ooc_connect -> ooc_open -> { ooc_visible_set, ooc_map or ooc_wait } -> ooc_close
+ *
+ * Each frame a viewer says which nodes it wants, most important first, and draws those that are
+ * drawable, straight out of the daemon's memory.  Asking costs one message where the set has
+ * changed, nothing where it has not; looking costs no system call; nobody waits for the disk.  The
+ * library reads no disk, draws nothing and starts no thread.
+ *
+ * Rules:
+ *
+ *   1. A set replaces the set before it.  What is in it is held: it stays where it is.  What dropped
+ *      out is given back when the client says that it draws it no longer, which the next
+ *      ooc_visible_set() says unless ooc_keep_drawing() was called.
+ *   2. A pointer from ooc_map() is good until a set without the node is sent, or the daemon is lost
+ *      and has been away for longer than its grace period (ooc_still_valid() tells).
+ *   3. Losing the daemon loses nothing that is mapped.  The library reconnects and says the set again
+ *      by itself; until then nothing new becomes drawable.
+ *
+ * Threads: a client and its stores belong to one thread, but for ooc_map(), ooc_locate(),
+ *	ooc_still_valid() and the functions that read the HS, which render threads may call while the
+ *	owner calls none of ooc_open, ooc_close, ooc_visible_set, ooc_dispatch, ooc_wait.  Several
+ *	clients in one process are independent.
+ * Errors: 0 or more, or a negative errno; ooc_error_text() has the reason of a client's last one.
+ * Memory: structs returned by pointer are the library's, given back as each function says.
+ */
+#ifndef OOC_CLIENT_H
+#define OOC_CLIENT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "formats/store/layout.h"
+#include "formats/store/payload_layout.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define OOC_API __attribute__((visibility("default")))
+
+struct ooc_client;
+struct ooc_store;
+
+/**
+ * Connects to the daemon.
+ *
+ * socket_path:  NULL: the running daemon's usual places ($OOCD_SOCKET, /run/oocd/oocd.sock,
+ *               $XDG_RUNTIME_DIR/oocd.sock); where nobody listens, a daemon is started for this
+ *               user, which ends when it has been idle for a minute.
+ * name:         of the program, for `oocctl status`; at most 63 bytes count.
+ *
+ * Returns: 0, -ECONNREFUSED or -ENOENT (nobody listens at socket_path), -EPROTONOSUPPORT (another
+ *	version), -ETIMEDOUT, -ENAMETOOLONG, -ENOMEM or -errno.  May block for some seconds while a
+ *	daemon starts.
+ * Ownership: *ret is the caller's, ended with ooc_disconnect(); on failure it is NULL.
+ */
+OOC_API int ooc_connect(const char *socket_path, const char *name, struct ooc_client **ret);
+
+/** Closes all stores, gives everything back.  NULL is allowed.  Returns: NULL. */
+OOC_API struct ooc_client *ooc_disconnect(struct ooc_client *client);
+
+/** Reason of the last failure of a function of this client, one line; NULL: of ooc_connect(). */
+OOC_API const char *ooc_error_text(const struct ooc_client *client);
+
+/** Descriptor that becomes readable when ooc_dispatch() has something to do.  May change. */
+OOC_API int ooc_fd(const struct ooc_client *client);
+
+/**
+ * Takes what the daemon has sent; reconnects if it was lost (at most one quick try a call).
+ *
+ * Returns: 0, or -ENOTCONN while the daemon is away: keep drawing, call again next frame.
+ * May block: no.
+ */
+OOC_API int ooc_dispatch(struct ooc_client *client);
+
+/**
+ * Opens a store.  The file is opened here, with this process's rights, and its descriptor passed.
+ *
+ * Returns: 0, -ENOENT, -EACCES, -EUCLEAN (not a store, or damaged), -ENOTCONN, -ETIMEDOUT,
+ *	-EMFILE (64 stores are open), -ENOMEM or -errno.  Waits for the daemon's answer.
+ * Ownership: ended with ooc_close(), or with its client.
+ */
+OOC_API int ooc_open(struct ooc_client *client, const char *path, struct ooc_store **ret);
+OOC_API struct ooc_store *ooc_close(struct ooc_store *store);
+
+/** The store's superblock and HS: node_count records, read-only, valid until ooc_close(). */
+OOC_API const struct store_superblock *ooc_superblock(const struct ooc_store *store);
+OOC_API const struct store_node *ooc_nodes(const struct ooc_store *store);
+OOC_API uint64_t ooc_node_count(const struct ooc_store *store);
+
+/** One wanted node. */
+struct ooc_want {
+	struct ooc_store *store;
+	uint32_t node;    /* index of its HS record; one with a payload */
+	float importance; /* >= 0, larger first; compared between clients as well */
+};
+
+/**
+ * Says which nodes are wanted from now on.
+ *
+ * wants:  in descending importance, no node twice; all stores of this client.  Copied.
+ *
+ * A set equal to the one before sends nothing.  While one set is unanswered the newest of those
+ * given since waits in the library and goes out with the next ooc_dispatch() after the answer.
+ *
+ * Returns: the set's serial (> 0), or -EINVAL (a node that is none), -E2BIG (more than 2^20 nodes),
+ *	-ENOMEM.  A lost daemon is no error: the set is said again on reconnection.
+ * Cost: O(count); one system call for each 5,460 nodes where something changed.  May block: no.
+ */
+OOC_API int64_t ooc_visible_set(struct ooc_client *client, const struct ooc_want *wants,
+				size_t count);
+
+/**
+ * From now on what sets drop is given back by ooc_retire() only: for programs that draw in other
+ * threads than the one that asks.
+ */
+OOC_API void ooc_keep_drawing(struct ooc_client *client, bool keep);
+
+/** Nothing of sets before `serial` that is not in it is drawn any longer. Returns: 0 or -errno. */
+OOC_API int ooc_retire(struct ooc_client *client, int64_t serial);
+
+/**
+ * The node's payload, or NULL while it is not drawable.  No system call.
+ *
+ * Returns: ooc_nodes(store)[node].payload_bytes bytes, page-aligned, valid and unchanging as rule 2
+ *	says; judged by the daemon, so that indices, runs and streams need no check.
+ */
+OOC_API const void *ooc_map(const struct ooc_store *store, uint32_t node);
+
+/** Where a drawable node's payload lies, for programs that make GPU buffers of whole segments. */
+struct ooc_place {
+	uint32_t segment;
+	uint64_t offset_bytes;
+	uint64_t fill; /* differs for each filling of the node: what was copied is still the same */
+};
+
+/** Returns: 0, or -EAGAIN while the node is not drawable. */
+OOC_API int ooc_locate(const struct ooc_store *store, uint32_t node, struct ooc_place *ret);
+
+/** Was the payload at `place` there, unchanged, all the while until now? */
+OOC_API bool ooc_still_valid(const struct ooc_store *store, uint32_t node,
+			     const struct ooc_place *place);
+
+/**
+ * A segment's mapping, read-only.  Segments come and go; `unique` differs for each that ever was.
+ *
+ * Returns: 0, or -ENOENT where there is none of that number.
+ */
+OOC_API int ooc_segment(const struct ooc_store *store, uint32_t segment, const void **ret_base,
+			uint64_t *ret_bytes, uint64_t *ret_unique);
+
+/** Why a node of the set is not coming for now. */
+enum ooc_reason {
+	OOC_REASON_NONE = 0,       /* it is here, on its way, or not in the set */
+	OOC_REASON_FULL = 1,       /* more is wanted than fits: ask for less, or draw in portions */
+	OOC_REASON_DAMAGED = 2,    /* the store is damaged there */
+	OOC_REASON_UNREADABLE = 3, /* the device failed */
+	OOC_REASON_NO_MEMORY = 4,
+};
+
+OOC_API enum ooc_reason ooc_not_now(const struct ooc_store *store, uint32_t node);
+
+/** How far the newest set is. */
+struct ooc_progress {
+	int64_t serial; /* of the newest set given to ooc_visible_set() */
+	bool settled;   /* each of its nodes is drawable or was answered "not now" */
+	bool complete;  /* settled, and none was answered "not now" */
+	size_t want_count;
+	size_t drawable_count;
+	size_t refused_count;
+};
+
+/** No system call.  Cost: O(nodes of the set). */
+OOC_API void ooc_progress(const struct ooc_client *client, struct ooc_progress *ret);
+
+/**
+ * Waits until the newest set is settled.
+ *
+ * timeout_ms:  < 0: for ever.
+ *
+ * Returns: 0, -ETIMEDOUT, or -ENOTCONN when the daemon is away and does not come back in time.
+ */
+OOC_API int ooc_wait(struct ooc_client *client, int timeout_ms);
+
+/**
+ * Asks for nodes that may be wanted soon, nearest in time first.  Never delays anyone's set, holds
+ * nothing; replaces what was asked for before and is still queued.
+ *
+ * Returns: 0, -EINVAL, -ENOTCONN or -errno.
+ */
+OOC_API int ooc_prefetch(struct ooc_client *client, const struct ooc_want *wants, size_t count);
+
+/**
+ * The daemon's status as JSON (`oocctl status --json` prints it).
+ *
+ * Returns: 0, -ENOTCONN, -ETIMEDOUT or -ENOMEM.  Waits for the answer.
+ * Ownership: *ret is given back with free().
+ */
+OOC_API int ooc_status(struct ooc_client *client, char **ret);
+
+/** What this client has caused and seen, since it connected. */
+struct ooc_counters {
+	uint64_t sets_sent;
+	uint64_t messages_sent;
+	uint64_t reconnects;
+};
+
+OOC_API void ooc_counters(const struct ooc_client *client, struct ooc_counters *ret);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif /* OOC_CLIENT_H */

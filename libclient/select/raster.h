@@ -1,0 +1,55 @@
+/* SPDX-License-Identifier: MIT */
+/**
+ * raster.h - a software rasteriser of items: depth and an id for each pixel, without GL.
+ *
+ * It samples pixel centres as GL does: positions snapped to 1/256 pixel, top-left rule, near-plane
+ * clipping, reversed-Z with the larger depth kept, ties to the lower id.  Both sides of a triangle
+ * are drawn.  It shades nothing.
+ *
+ * Threads: a struct raster belongs to one thread.
+ */
+#ifndef LIBCLIENT_SELECT_RASTER_H
+#define LIBCLIENT_SELECT_RASTER_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "libclient/select/camera.h"
+
+#define RASTER_ITEM_NONE UINT64_MAX
+
+struct raster;
+
+/** Returns: 0, -EINVAL (a side is 0 or above 16384) or -ENOMEM. */
+int raster_create(uint32_t width, uint32_t height, struct raster **ret);
+struct raster *raster_destroy(struct raster *raster);
+void raster_clear(struct raster *raster);
+
+/**
+ * Draws triangles of positions as a payload has them.
+ *
+ * positions:   vertex_count x 3 floats, before scale and offset (camera.h).
+ * indices:     triangle_count x 3, each < vertex_count.
+ * items:       triangle_count ids, or NULL: item_first + number of the triangle.
+ */
+struct raster_draw {
+	const float *positions;
+	uint32_t vertex_count;
+	const uint32_t *indices;
+	uint32_t triangle_count;
+	const uint64_t *items;
+	uint64_t item_first;
+	float scale;
+	float offset[3];
+};
+
+/** Returns: 0 or -ENOMEM. */
+int raster_triangles(struct raster *raster, const struct camera_view *view,
+		     const struct raster_draw *draw);
+
+/** width x height, top row first; RASTER_ITEM_NONE and depth 0 where nothing was drawn. */
+const uint64_t *raster_items(const struct raster *raster);
+const float *raster_depths(const struct raster *raster);
+
+#endif /* LIBCLIENT_SELECT_RASTER_H */
