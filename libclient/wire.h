@@ -213,6 +213,11 @@ struct wire_session_page {
 	_Atomic uint64_t acknowledged; /* serial of the newest set taken over */
 	_Atomic uint64_t settled;      /* serial of the newest set that is settled */
 	_Atomic uint64_t complete;     /* serial of the newest set settled without "not now" */
+	/* For people and statistics; written when the daemon has time. */
+	_Atomic uint64_t fetched_bytes;    /* payload bytes read since WELCOME for its sets */
+	_Atomic uint64_t prefetched_bytes; /* payload bytes read since WELCOME for its prefetches */
+	_Atomic uint64_t cache_bytes;      /* --cache-size */
+	_Atomic uint64_t cache_used_bytes; /* of it BUSY, HELD and FREE: all stores, all clients */
 };
 
 /** One a store and generation: where every node is.  Then node_count words. */

@@ -207,8 +207,14 @@ struct ooc_counters {
 	uint64_t sets_sent;
 	uint64_t messages_sent;
 	uint64_t reconnects;
+	/* As the daemon says in shared memory; 0 again after a reconnection. */
+	uint64_t fetched_bytes;    /* read for this client's sets */
+	uint64_t prefetched_bytes; /* read for its prefetches */
+	uint64_t cache_bytes;      /* what the daemon may use for all stores */
+	uint64_t cache_used_bytes; /* and does */
 };
 
+/** No system call. */
 OOC_API void ooc_counters(const struct ooc_client *client, struct ooc_counters *ret);
 
 #ifdef __cplusplus
