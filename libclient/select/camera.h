@@ -35,8 +35,8 @@ struct camera {
 
 /** The transform of one camera for one store. */
 struct camera_view {
-	double anchor[3];                   /* world: the eye, rounded to the store's grid */
-	double eye[3];                      /* from the store's origin */
+	double anchor[3]; /* from the store's origin: the eye, on the store's grid */
+	double eye[3];    /* from the store's origin */
 	double right[3], up[3], forward[3]; /* orthonormal */
 	double tan_half_x, tan_half_y;
 	double near;
@@ -51,14 +51,15 @@ struct camera_view {
  * near:    distance of the near plane, model units; > 0.
  * aspect:  width / height.
  *
- * Returns: 0, or -EINVAL when the camera has no direction, or numbers that are not finite.
+ * Returns: 0, or -EINVAL when the camera has no direction, or numbers that are not finite.  An up
+ * along the view is replaced by the axis that lies least along it.
  */
 int camera_view_init(struct camera_view *ret, const struct camera *camera,
 		     const struct store_superblock *superblock, double aspect, double near);
 
 /** The float offset of a node: payload_header.origin seen from the anchor. */
-void camera_node_offset(const struct camera_view *view, const struct store_superblock *superblock,
-			const double payload_origin[3], float ret[3]);
+void camera_node_offset(const struct camera_view *view, const double payload_origin[3],
+			float ret[3]);
 
 /** A near plane that suits the distance of the eye to the model: nothing closer matters. */
 double camera_near(const struct camera *camera, const struct store_superblock *superblock);
@@ -70,7 +71,11 @@ void camera_frame_all(struct camera *ret, const struct store_superblock *const *
 /** The columns of a path: "t,eye_x,...,fov_y". */
 extern const char camera_path_header[];
 
-/** Reads a row "t,eye_x,...,fov_y" of numbers.  Returns: 0, or -EINVAL with the reason. */
+/**
+ * Reads a row "t,eye_x,...,fov_y" of numbers; blanks around them are allowed.
+ *
+ * Returns: 0, or -EINVAL with the reason; what it accepts camera_view_init() accepts.
+ */
 int camera_from_row(struct camera *ret, const char *row, struct why *why);
 
 #define CAMERA_ROW_BYTES 320
