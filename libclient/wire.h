@@ -7,7 +7,9 @@
  * writes and clients map read-only.  Nothing is written by clients to shared memory.
  *
  * A message is wire_header, a fixed body, and for some types an array.  wire_check() judges a
- * received datagram as a whole; after that its fields may be read where they lie.
+ * received datagram as a whole; after that its fields may be read where they lie.  What is right
+ * only beside earlier messages (is this store open? does the importance still descend?) is the
+ * receiver's to judge.
  *
  * Threads: any; pure functions.
  */
@@ -26,6 +28,7 @@
 /** Larger datagrams fail at default socket buffers. */
 #define WIRE_MESSAGE_BYTES_MAX 65536u
 #define WIRE_NAME_BYTES        64u
+#define WIRE_PATH_BYTES        1024u
 #define WIRE_FD_COUNT_MAX      3u
 /** Stores that one session may have open. */
 #define WIRE_STORE_COUNT_MAX 64u
@@ -78,7 +81,7 @@ struct wire_open {
 	struct wire_header header;
 	uint32_t store;
 	uint32_t reserved;
-	char path[1024]; /* for people: what status shows; NUL-padded; never opened */
+	char path[WIRE_PATH_BYTES]; /* for people: what status shows; NUL-padded; never opened */
 };
 
 struct wire_opened {
@@ -88,9 +91,10 @@ struct wire_opened {
 	uint64_t generation;
 	uint64_t node_count;
 	uint8_t uuid[16];
+	/* Lengths that may be mapped: at least what is said here, and each file is as long or longer. */
 	uint64_t hs_bytes;        /* a store_superblock, then node_count store_nodes */
-	uint64_t directory_bytes; /* struct wire_directory */
-	uint64_t grants_bytes;    /* struct wire_grants */
+	uint64_t directory_bytes; /* struct wire_directory, node_count words */
+	uint64_t grants_bytes;    /* struct wire_grants, one word for each 64 nodes */
 };
 
 struct wire_close {
@@ -106,32 +110,34 @@ struct wire_entry {
 };
 
 enum wire_set_flag {
-	WIRE_SET_FIRST = 1,  /* the set begins with this message */
+	WIRE_SET_FIRST = 1,  /* the set begins with this message; one begun before is forgotten */
 	WIRE_SET_LAST = 2,   /* and ends with it: now it replaces the set before */
 	WIRE_SET_RETIRE = 4, /* what earlier sets had and this one has not is no longer drawn */
 	WIRE_SET_EVENTS = 8, /* tell by EVENT when nodes become ready and when it is settled */
+	WIRE_SET_FLAGS_ALL = 15,
 };
 
 struct wire_set {
 	struct wire_header header;
-	uint64_t serial; /* +1 a set, the same in all its messages */
-	uint32_t flags;  /* enum wire_set_flag */
+	uint64_t
+		serial; /* > 0, the same in all messages of a set, larger than that of any set before */
+	uint32_t flags; /* enum wire_set_flag */
 	uint32_t entry_count;
 	struct wire_entry entries[];
 };
 
-/** Sets before `serial` are no longer drawn. */
+/** Sets before `serial` are no longer drawn: what neither it nor a later set has is given back. */
 struct wire_retire {
 	struct wire_header header;
 	uint64_t serial;
 };
 
+/** Replaces the prefetches asked for before that are still queued. */
 struct wire_prefetch {
 	struct wire_header header;
 	uint32_t entry_count;
 	uint32_t reserved;
-	struct wire_entry
-		entries[]; /* replaces the prefetches asked for before that are still queued */
+	struct wire_entry entries[];
 };
 
 enum wire_status_what {
@@ -144,6 +150,11 @@ struct wire_status {
 	uint32_t reserved;
 };
 
+/**
+ * The daemon takes segment numbers in turn and one again only after all the others, so that a client
+ * that has yet to read of a new segment cannot mistake an old one for it: before so many
+ * announcements have piled up unread, it has been dropped.
+ */
 struct wire_segment {
 	struct wire_header header;
 	uint32_t store;
@@ -181,6 +192,7 @@ struct wire_refusal {
 	uint32_t reason; /* enum wire_reason */
 };
 
+/** Speaks of one set only: what the next set wants as well is refused again, or is on its way. */
 struct wire_not_now {
 	struct wire_header header;
 	uint64_t serial;
@@ -209,7 +221,7 @@ struct wire_error {
 
 /** One page a session. */
 struct wire_session_page {
-	_Atomic uint64_t epoch;
+	_Atomic uint64_t epoch;        /* 0 once the session is over */
 	_Atomic uint64_t acknowledged; /* serial of the newest set taken over */
 	_Atomic uint64_t settled;      /* serial of the newest set that is settled */
 	_Atomic uint64_t complete;     /* serial of the newest set settled without "not now" */
@@ -224,7 +236,8 @@ struct wire_session_page {
 struct wire_directory {
 	uint64_t generation;
 	uint64_t node_count;
-	_Atomic uint64_t epoch; /* 0 once the directory is dead */
+	/* Another one, or 0, before a daemon evicts anything that sessions of the old one may draw. */
+	_Atomic uint64_t epoch;
 	uint64_t reserved[5];
 	_Atomic uint64_t words[];
 };
@@ -274,7 +287,7 @@ static inline uint64_t wire_word_fill_count(uint64_t word)
  * One a session and store: bit n of words[n / 64] says that the session's hold on node n counts.
  */
 struct wire_grants {
-	_Atomic uint64_t epoch;
+	_Atomic uint64_t epoch; /* 0 before the holds of a session that is over are given back */
 	uint64_t node_count;
 	uint64_t reserved[6];
 	_Atomic uint64_t words[];
@@ -283,13 +296,30 @@ struct wire_grants {
 static_assert(sizeof(struct wire_header) == 8, "no hidden padding");
 static_assert(sizeof(struct wire_entry) == 12, "no hidden padding");
 static_assert(sizeof(struct wire_refusal) == 12, "no hidden padding");
+static_assert(sizeof(struct wire_hello) == 80, "no hidden padding");
+static_assert(sizeof(struct wire_welcome) == 32, "no hidden padding");
+static_assert(sizeof(struct wire_open) == 1040, "no hidden padding");
 static_assert(sizeof(struct wire_opened) == 72, "no hidden padding");
+static_assert(sizeof(struct wire_set) == 24, "no hidden padding");
+static_assert(sizeof(struct wire_prefetch) == 16, "no hidden padding");
+static_assert(sizeof(struct wire_segment) == 24, "no hidden padding");
+static_assert(sizeof(struct wire_event) == 32, "no hidden padding");
+static_assert(sizeof(struct wire_not_now) == 24, "no hidden padding");
+static_assert(sizeof(struct wire_text) == 16, "no hidden padding");
+static_assert(sizeof(struct wire_error) == 24 + WHY_TEXT_BYTES, "no hidden padding");
 static_assert(sizeof(struct wire_directory) == 64, "words begin on a cache line");
 static_assert(sizeof(struct wire_grants) == 64, "words begin on a cache line");
 
 /** Entries that fit into one message of SET or PREFETCH. */
 #define WIRE_SET_ENTRY_COUNT_MAX                                                                   \
 	((WIRE_MESSAGE_BYTES_MAX - sizeof(struct wire_set)) / sizeof(struct wire_entry))
+#define WIRE_REFUSAL_COUNT_MAX                                                                     \
+	((WIRE_MESSAGE_BYTES_MAX - sizeof(struct wire_not_now)) / sizeof(struct wire_refusal))
+#define WIRE_TEXT_BYTES_MAX (WIRE_MESSAGE_BYTES_MAX - sizeof(struct wire_text))
+
+/** Bounds of wire_opened.segment_bytes_log2: a word has 16 bits for a page. */
+#define WIRE_SEGMENT_LOG2_MIN 12u
+#define WIRE_SEGMENT_LOG2_MAX 28u
 
 /** Who sends a message. */
 enum wire_side {
@@ -299,7 +329,9 @@ enum wire_side {
 
 /**
  * Judges a received datagram: known type for that side, exact length, reserved fields zero, strings
- * terminated, flags known, importances not NaN, the right number of descriptors.
+ * terminated, flags known, store numbers in range, importances finite and descending, the right
+ * number of descriptors.  A HELLO of another version passes when its head is whole, so that it can
+ * be answered.
  *
  * message:  8-byte aligned.
  *
@@ -328,19 +360,25 @@ int wire_send(int socket_fd, const void *message, size_t message_bytes, const in
  * message:   WIRE_MESSAGE_BYTES_MAX bytes, 8-byte aligned.
  * ret_fds:   WIRE_FD_COUNT_MAX; the caller's to close.
  *
- * Returns: its length, 0 when the peer has hung up, -EAGAIN, -EMSGSIZE (truncated; its descriptors
- * are closed), -EPROTO (too many descriptors) or another -errno.
+ * Returns: its length, 0 when the peer has hung up, -EAGAIN, -EMSGSIZE (longer than a message),
+ * -EPROTO (too many descriptors, or none free in this process) or another -errno.  On failure all
+ * its descriptors are closed.
  */
 int wire_receive(int socket_fd, void *message, int *ret_fds, size_t *ret_fd_count);
 
+#define WIRE_SYSTEM_SOCKET "/run/oocd/oocd.sock"
+
 /**
- * Where the daemon listens.  In this order: `given`, $OOCD_SOCKET, /run/oocd/oocd.sock where it
- * exists, $XDG_RUNTIME_DIR/oocd.sock, /tmp/oocd-UID/oocd.sock.
+ * Where the daemon listens.  In this order: `given`, $OOCD_SOCKET, WIRE_SYSTEM_SOCKET where it
+ * exists, wire_user_socket_path().
  *
  * given:  NULL: none.
  *
  * Returns: 0, or -ENAMETOOLONG when it does not fit into an address.
  */
 int wire_socket_path(const char *given, char *ret_path, size_t path_bytes);
+
+/** A user's own daemon: $XDG_RUNTIME_DIR/oocd.sock, else /tmp/oocd-UID/oocd.sock. */
+int wire_user_socket_path(char *ret_path, size_t path_bytes);
 
 #endif /* LIBCLIENT_WIRE_H */
