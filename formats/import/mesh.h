@@ -1,0 +1,126 @@
+/* SPDX-License-Identifier: MIT */
+/**
+ * mesh.h - faces that point at vertices, made into triangles that have their corners with them.
+ *
+ * Vertices are records of one layout, kept in memory while they fit; normals may have a table of
+ * their own (OBJ) or be in the vertex record (PLY).
+ *
+ * Threads: one a mesh.
+ */
+#ifndef FORMATS_IMPORT_MESH_H
+#define FORMATS_IMPORT_MESH_H
+
+#include <string.h>
+
+#include "formats/import/job.h"
+#include "formats/import/polygon.h"
+
+#define MESH_NONE UINT64_MAX
+
+/** A record is a position, then the normal (3 floats), then the colour (0: it has none). */
+struct mesh_layout {
+	bool positions_double;
+	bool normals;      /* in the vertex record */
+	bool colours;      /* in the vertex record */
+	bool normal_table; /* normals apart */
+};
+
+/** Records of one size that faces point at by number. */
+struct mesh_table {
+	uint8_t *records;
+	uint64_t count;
+	uint64_t capacity;
+	uint32_t record_bytes;
+};
+
+struct mesh {
+	struct import_job *job;
+	struct batcher batcher;
+	struct mesh_layout layout;
+	struct mesh_table vertices;
+	struct mesh_table normals;
+	uint32_t normal_offset; /* in a vertex record */
+	uint32_t colour_offset;
+	bool triangles_plain; /* records are 3 floats: nothing to do but to copy them */
+	bool colours_present; /* a vertex has one; the user's to set */
+	bool deferred;        /* the tables are on disk: faces are only noted down */
+	uint32_t *part_colours;
+	uint32_t part_capacity;
+	struct polygon polygon;
+	const uint8_t **corners; /* of the polygon at hand: its vertices' records */
+	const float **corner_normals;
+};
+
+/** One face.  normals: NULL, or a number for each corner. */
+struct mesh_face {
+	uint32_t part;
+	uint32_t corner_count;
+	const uint64_t *vertices;
+	const uint64_t *normals;
+};
+
+/** How many there are so far. */
+static inline uint64_t mesh_vertex_count(const struct mesh *mesh)
+{
+	return mesh->vertices.count;
+}
+
+static inline uint64_t mesh_normal_count(const struct mesh *mesh)
+{
+	return mesh->normals.count;
+}
+
+/** Returns: 0 or -ENOMEM.  Ownership: ends with mesh_destroy(). */
+int mesh_create(struct import_job *job, const struct mesh_layout *layout, struct mesh **ret,
+		struct why *why);
+struct mesh *mesh_destroy(struct mesh *mesh);
+
+/** Says that so many vertices will come, so that room is made once.  Returns: 0 or -ENOMEM. */
+int mesh_expect_vertices(struct mesh *mesh, uint64_t count, struct why *why);
+
+/** As batcher_part(). */
+int mesh_part(struct mesh *mesh, const struct import_part *part, uint32_t *ret_number,
+	      struct why *why);
+
+/** Adds records behind those that are there.  Returns: 0 or -ENOMEM. */
+int mesh_add_vertices(struct mesh *mesh, const void *records, uint64_t count, struct why *why);
+int mesh_add_normal(struct mesh *mesh, const float normal[3], struct why *why);
+
+/**
+ * Adds a face; fewer than three corners are counted as dropped.
+ *
+ * Returns: 0, -EUCLEAN when it points outside of the tables or has too many corners, -ENOMEM, or
+ * what the sink returned.
+ */
+int mesh_add_face(struct mesh *mesh, const struct mesh_face *face, struct why *why);
+
+/** Hands on what is left.  Returns: as mesh_add_face(). */
+int mesh_finish(struct mesh *mesh, struct why *why);
+
+/** mesh_add_face() for a triangle of vertices alone: the path that has to be fast. */
+static inline int mesh_add_triangle(struct mesh *mesh, uint32_t part, const uint64_t corners[3],
+				    struct why *why)
+{
+	const struct mesh_table *table = &mesh->vertices;
+	struct mesh_face face = { .part = part, .corner_count = 3, .vertices = corners };
+
+	if (mesh->triangles_plain && !mesh->deferred && corners[0] < table->count &&
+	    corners[1] < table->count && corners[2] < table->count) {
+		struct batch_kind kind = { .part = part };
+		uint32_t index;
+		float *out;
+		int r = batcher_next(&mesh->batcher, &kind, &index, why);
+
+		if (r < 0)
+			return r;
+		out = mesh->batcher.positions32 + 9 * (size_t)index;
+		memcpy(out, table->records + 12 * corners[0], 12);
+		memcpy(out + 3, table->records + 12 * corners[1], 12);
+		memcpy(out + 6, table->records + 12 * corners[2], 12);
+		mesh->job->info->face_count++;
+		return 0;
+	}
+	return mesh_add_face(mesh, &face, why);
+}
+
+#endif /* FORMATS_IMPORT_MESH_H */

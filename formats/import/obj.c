@@ -1,0 +1,430 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * Wavefront OBJ: polygons, their normals, groups and materials; texture coordinates, lines, points
+ * and curves are passed over.  Source: Alias|Wavefront, "Advanced Visualizer Manual", appendix B1,
+ * 1995.  Coordinates are read as doubles: the format does not say, and surveys need it.
+ */
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "formats/base/bytes.h"
+#include "formats/import/colour.h"
+#include "formats/import/mesh.h"
+#include "formats/import/mtl.h"
+#include "formats/import/number.h"
+
+#define NAME_BYTES 1024u
+
+struct obj {
+	struct import_job *job;
+	struct source *source;
+	struct mesh *mesh;
+	struct mtl mtl;
+	bool has_vertices;
+
+	char object[NAME_BYTES];
+	char group[NAME_BYTES];
+	char material[NAME_BYTES];
+	struct names part_names; /* object, group and material: the number is the part's */
+	uint32_t part;
+	bool part_stale; /* a name has changed since part was looked up */
+
+	uint64_t *vertices; /* of the face at hand: POLYGON_CORNERS_MAX */
+	uint64_t *normals;
+	char *joined; /* a line that goes on behind "\" */
+	size_t joined_length;
+	size_t joined_capacity;
+};
+
+static int line_fault(const struct obj *obj, struct why *why, const char *what)
+{
+	return why_set(why, -EUCLEAN, "line %llu: %s", (unsigned long long)obj->source->line, what);
+}
+
+static inline bool is_gap(char c)
+{
+	return c == ' ' || c == '\t' || c == '\r';
+}
+
+static inline const char *skip_gaps(const char *at)
+{
+	while (is_gap(*at))
+		at++;
+	return at;
+}
+
+/* ---- vertices ---- */
+
+/* "v x y z", "v x y z w" or "v x y z r g b". */
+static int take_vertex(struct obj *obj, const char *at, struct why *why)
+{
+	struct {
+		double position[3];
+		uint32_t colour;
+	} record = { .colour = 0 };
+	double rgb[3];
+	int rgb_count = 0;
+
+	for (int k = 0; k < 3; k++) {
+		at = number_to_double(skip_gaps(at), &record.position[k]);
+		if (!at)
+			return line_fault(obj, why, "three numbers are wanted behind \"v\"");
+	}
+	at = skip_gaps(at);
+	while (*at != '\n' && *at != '\0' && rgb_count < 3) {
+		at = number_to_double(at, &rgb[rgb_count]);
+		if (!at)
+			return line_fault(obj, why, "a number is wanted");
+		at = skip_gaps(at);
+		rgb_count++;
+	}
+	obj->has_vertices = true;
+	if (!obj->mesh->layout.colours)
+		return mesh_add_vertices(obj->mesh, &record, 1, why);
+	if (rgb_count == 3) {
+		/* Most say 0 to 1, some 0 to 255. */
+		double scale = rgb[0] > 1.0 || rgb[1] > 1.0 || rgb[2] > 1.0 ? 1.0 / 255.0 : 1.0;
+
+		record.colour = colour_from_rgb(rgb[0] * scale, rgb[1] * scale, rgb[2] * scale);
+		obj->mesh->colours_present = true;
+	}
+	return mesh_add_vertices(obj->mesh, &record, 1, why);
+}
+
+static int take_normal(struct obj *obj, const char *at, struct why *why)
+{
+	float normal[3];
+
+	for (int k = 0; k < 3; k++) {
+		at = number_to_float(skip_gaps(at), &normal[k]);
+		if (!at)
+			return line_fault(obj, why, "three numbers are wanted behind \"vn\"");
+	}
+	return mesh_add_normal(obj->mesh, normal, why);
+}
+
+/* ---- names, parts, materials ---- */
+
+static void take_name(char *to, const char *from, size_t length)
+{
+	while (length > 0 && is_gap(*from)) {
+		from++;
+		length--;
+	}
+	while (length > 0 && is_gap(from[length - 1]))
+		length--;
+	if (length >= NAME_BYTES)
+		length = NAME_BYTES - 1;
+	memcpy(to, from, length);
+	to[length] = '\0';
+}
+
+/* Makes obj->part that of the names in force.  Names that come back find their part again. */
+static int find_part(struct obj *obj, struct why *why)
+{
+	char key[3 * NAME_BYTES], scene_path[2 * NAME_BYTES];
+	struct import_part part = {
+		.name = obj->group[0] ? obj->group : obj->object,
+		.scene_path = scene_path,
+		.material = obj->material,
+		.colour = mtl_colour(&obj->mtl, obj->material),
+	};
+	uint32_t number;
+	int r;
+
+	(void)snprintf(key, sizeof(key), "%s\n%s\n%s", obj->object, obj->group, obj->material);
+	(void)snprintf(scene_path, sizeof(scene_path), "%s%s%s", obj->object,
+		       obj->object[0] && obj->group[0] ? "/" : "", obj->group);
+	number = names_find(&obj->part_names, key);
+	if (number == UINT32_MAX) {
+		r = names_add(&obj->part_names, key, &number, why);
+		if (r == 0)
+			r = mesh_part(obj->mesh, &part, &number, why);
+		if (r < 0)
+			return r;
+	}
+	obj->part = number;
+	obj->part_stale = false;
+	return 0;
+}
+
+/* Reads the library beside the model; backslashes and folders of another machine are forgiven. */
+static int read_library(struct obj *obj, char *name, struct why *why)
+{
+	const char *slash = strrchr(obj->job->path, '/');
+	int folder_length = slash ? (int)(slash - obj->job->path) + 1 : 0;
+	const char *tries[2];
+	struct why library_why;
+	int r = -ENOENT;
+
+	for (char *at = name; *at; at++)
+		if (*at == '\\')
+			*at = '/';
+	tries[0] = name;
+	tries[1] = strrchr(name, '/') ? strrchr(name, '/') + 1 : name;
+	for (int i = 0; i < 2 && r < 0 && r != -ENOMEM; i++) {
+		char *path = NULL;
+
+		if (asprintf(&path, "%.*s%s", tries[i][0] == '/' ? 0 : folder_length,
+			     obj->job->path, tries[i]) < 0)
+			return why_set(why, -ENOMEM, "no memory for a path");
+		r = mtl_read(&obj->mtl, path, &library_why);
+		free(path);
+	}
+	if (r == -ENOMEM)
+		return why_set(why, r, "%s", library_why.text);
+	return r;
+}
+
+/* "mtllib": one name that may have blanks, or several.  What is missing is told, not an error. */
+static int take_library(struct obj *obj, const char *at, size_t length, struct why *why)
+{
+	char names[NAME_BYTES], *save = NULL;
+	int r;
+
+	take_name(names, at, length);
+	r = read_library(obj, names, why);
+	if (r < 0 && r != -ENOMEM && strpbrk(names, " \t")) {
+		r = 0;
+		for (char *name = strtok_r(names, " \t", &save); name && r != -ENOMEM;
+		     name = strtok_r(NULL, " \t", &save)) {
+			int one = read_library(obj, name, why);
+
+			r = one < 0 ? one : r;
+		}
+	}
+	if (r == -ENOMEM)
+		return r;
+	if (r < 0)
+		obj->job->info->missing_material_file = true;
+	return 0;
+}
+
+/* ---- faces ---- */
+
+/* 1 is the first, -1 the latest so far; others become one that no table has. */
+static inline uint64_t resolve(int64_t index, uint64_t count)
+{
+	if (index > 0)
+		return (uint64_t)index - 1;
+	return index < 0 && (uint64_t)-index <= count ? count - (uint64_t)-index : MESH_NONE;
+}
+
+/* "v", "v/t", "v//n" or "v/t/n".  *normal stays 0 when there is none. */
+static const char *take_corner(const char *at, int64_t *vertex, int64_t *normal)
+{
+	int64_t texture;
+
+	at = number_to_i64(at, vertex);
+	if (!at || *at != '/')
+		return at;
+	at++;
+	if (*at != '/') {
+		const char *end = number_to_i64(at, &texture);
+
+		/* "1/" is written by some for "1". */
+		at = end ? end : at;
+	}
+	if (*at != '/')
+		return at;
+	at++;
+	return number_to_i64(at, normal);
+}
+
+static int take_face(struct obj *obj, const char *at, struct why *why)
+{
+	struct mesh_face face = { .vertices = obj->vertices, .normals = obj->normals };
+	uint64_t vertex_count = mesh_vertex_count(obj->mesh);
+	uint64_t normal_count = mesh_normal_count(obj->mesh);
+	int r;
+
+	for (at = skip_gaps(at); *at != '\n' && *at != '\0'; at = skip_gaps(at)) {
+		int64_t vertex = 0, normal = 0;
+
+		at = take_corner(at, &vertex, &normal);
+		if (!at || (!is_gap(*at) && *at != '\n' && *at != '\0'))
+			return line_fault(obj, why, "a corner of a face is wanted, such as 1/2/3");
+		if (face.corner_count == POLYGON_CORNERS_MAX)
+			return line_fault(obj, why, "a face of more than 65536 corners");
+		if (normal == 0)
+			face.normals = NULL;
+		obj->vertices[face.corner_count] = resolve(vertex, vertex_count);
+		obj->normals[face.corner_count] = resolve(normal, normal_count);
+		face.corner_count++;
+	}
+	if (obj->part_stale) {
+		r = find_part(obj, why);
+		if (r < 0)
+			return r;
+	}
+	face.part = obj->part;
+	r = mesh_add_face(obj->mesh, &face, why);
+	if (r == -EUCLEAN)
+		why_prefix(why, "line %llu", (unsigned long long)obj->source->line);
+	return r;
+}
+
+/* ---- lines ---- */
+
+/* Does the line begin with the keyword?  Then what follows is at *ret. */
+static bool is_keyword(const char *line, const char *keyword, const char **ret)
+{
+	size_t length = strlen(keyword);
+
+	if (strncmp(line, keyword, length) != 0 || !is_gap(line[length]))
+		return false;
+	*ret = line + length;
+	return true;
+}
+
+static int take_names_line(struct obj *obj, const char *line, const char *end, struct why *why)
+{
+	const char *rest;
+
+	if (is_keyword(line, "o", &rest)) {
+		take_name(obj->object, rest, (size_t)(end - rest));
+		obj->group[0] = '\0';
+	} else if (is_keyword(line, "g", &rest)) {
+		take_name(obj->group, rest, (size_t)(end - rest));
+	} else if (is_keyword(line, "usemtl", &rest)) {
+		take_name(obj->material, rest, (size_t)(end - rest));
+	} else if (is_keyword(line, "mtllib", &rest)) {
+		return take_library(obj, rest, (size_t)(end - rest), why);
+	} else {
+		return 0;
+	}
+	obj->part_stale = true;
+	return 0;
+}
+
+/* One whole line.  Words that are unknown are passed over: the format has many. */
+static int take_line(struct obj *obj, const char *line, size_t length, struct why *why)
+{
+	const char *end = line + length;
+
+	line = skip_gaps(line);
+	if (*line == 'v') {
+		if (is_gap(line[1]))
+			return take_vertex(obj, line + 2, why);
+		if (line[1] == 'n' && is_gap(line[2]))
+			return take_normal(obj, line + 3, why);
+		return 0;
+	}
+	if (*line == 'f' && is_gap(line[1]))
+		return take_face(obj, line + 2, why);
+	if (*line == '\0' && line < end)
+		return line_fault(obj, why, "a zero byte: this is no text");
+	return take_names_line(obj, line, end, why);
+}
+
+static int join_line(struct obj *obj, const char *line, size_t length, struct why *why)
+{
+	size_t wanted = obj->joined_length + length + 1;
+
+	if (wanted > obj->joined_capacity) {
+		size_t capacity = 2 * wanted;
+		char *grown;
+
+		if (capacity > obj->job->memory_bytes)
+			return line_fault(obj, why, "a line that goes on for too long");
+		grown = realloc(obj->joined, capacity);
+		if (!grown)
+			return why_set(why, -ENOMEM, "no memory for a long line");
+		obj->joined = grown;
+		obj->joined_capacity = capacity;
+	}
+	memcpy(obj->joined + obj->joined_length, line, length);
+	obj->joined_length += length;
+	obj->joined[obj->joined_length] = '\0';
+	return 0;
+}
+
+/* Does the line end with "\", so that it goes on with the next?  Then its length is without it. */
+static bool goes_on(const char *line, size_t *length)
+{
+	size_t bare_length = *length;
+
+	if (bare_length > 0 && line[bare_length - 1] == '\r')
+		bare_length--;
+	if (bare_length == 0 || line[bare_length - 1] != '\\')
+		return false;
+	*length = bare_length - 1;
+	return true;
+}
+
+static int take_lines(struct obj *obj, struct why *why)
+{
+	const char *line;
+	size_t length;
+	int r;
+
+	while ((r = source_line(obj->source, &line, &length, why)) > 0) {
+		bool more = goes_on(line, &length);
+
+		if (!more && obj->joined_length == 0) {
+			r = take_line(obj, line, length, why);
+			if (r < 0)
+				return r;
+			continue;
+		}
+		r = join_line(obj, line, length, why);
+		if (r == 0 && more)
+			r = join_line(obj, " ", 1, why);
+		if (r == 0 && !more) {
+			r = take_line(obj, obj->joined, obj->joined_length, why);
+			obj->joined_length = 0;
+		}
+		if (r < 0)
+			return r;
+	}
+	if (r == 0 && obj->joined_length > 0)
+		r = why_set(why, -ENODATA, "line %llu: it ends where the line should go on",
+			    (unsigned long long)obj->source->line);
+	return r;
+}
+
+static int obj_prepare(struct obj *obj, struct why *why)
+{
+	const struct mesh_layout layout = {
+		.positions_double = true,
+		.colours = obj->job->options->colour <= IMPORT_COLOUR_VERTEX,
+		.normal_table = true,
+	};
+
+	mtl_init(&obj->mtl, obj->job->memory_bytes / 8);
+	names_init(&obj->part_names, obj->job->memory_bytes / 8);
+	obj->part_stale = true;
+	obj->vertices = malloc(POLYGON_CORNERS_MAX * sizeof(*obj->vertices));
+	obj->normals = malloc(POLYGON_CORNERS_MAX * sizeof(*obj->normals));
+	if (!obj->vertices || !obj->normals)
+		return why_set(why, -ENOMEM, "no memory for faces");
+	return mesh_create(obj->job, &layout, &obj->mesh, why);
+}
+
+int obj_import(struct import_job *job, struct why *why)
+{
+	struct obj *obj = calloc(1, sizeof(*obj));
+	int r;
+
+	if (!obj)
+		return why_set(why, -ENOMEM, "no memory to read it");
+	obj->job = job;
+	obj->source = job->source;
+	r = obj_prepare(obj, why);
+	if (r == 0)
+		r = take_lines(obj, why);
+	if (r == 0 && !obj->has_vertices)
+		r = why_set(why, -EUCLEAN, "it is no OBJ file: it has no vertices");
+	if (r == 0)
+		r = mesh_finish(obj->mesh, why);
+	mesh_destroy(obj->mesh);
+	mtl_done(&obj->mtl);
+	names_done(&obj->part_names);
+	free(obj->vertices);
+	free(obj->normals);
+	free(obj->joined);
+	free(obj);
+	return r;
+}
