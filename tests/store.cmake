@@ -1,1 +1,7 @@
 # SPDX-License-Identifier: MIT
+# The helper that tests of every area may link.
+add_library(oocd_test_helper STATIC
+	${CMAKE_CURRENT_LIST_DIR}/helper.c ${CMAKE_CURRENT_LIST_DIR}/helper_grid.c)
+target_link_libraries(oocd_test_helper PUBLIC oocd_flags oocd_store PkgConfig::CMOCKA m)
+
+oocd_test(test_store unit SOURCES unit/test_store.c LINK oocd_test_helper)

@@ -5,6 +5,10 @@
  * Decoding takes bytes from outside: a wrong length or a damaged frame is an error, never a write
  * past the destination.  It does not judge the payload (payload_validate() does).
  *
+ * Every byte comes back, with one freedom: the index coder of MESHOPT may turn a triangle's
+ * corners (a,b,c to b,c,a).  Order of triangles and winding stay; decoding what was decoded and
+ * encoded again gives the same bytes.
+ *
  * Threads: any; a struct codec_scratch belongs to one thread.
  */
 #ifndef FORMATS_CODEC_CODEC_H
@@ -19,6 +23,7 @@
 /** Contexts that are dear to make; one a thread. */
 struct codec_scratch;
 
+/** Returns: 0 or -ENOMEM.  Takes memory when it is first used. */
 int codec_scratch_create(struct codec_scratch **ret);
 struct codec_scratch *codec_scratch_destroy(struct codec_scratch *scratch);
 
@@ -39,7 +44,7 @@ int codec_encode(struct codec_scratch *scratch, enum store_codec codec, int leve
 /**
  * Decodes into exactly payload_bytes.  codec must not be NONE (there is nothing to decode).
  *
- * Returns: 0, or -EUCLEAN with the reason.
+ * Returns: 0, -EUCLEAN with the reason, or -ENOMEM.
  */
 int codec_decode(struct codec_scratch *scratch, enum store_codec codec, const void *stored,
 		 size_t stored_bytes, void *payload, size_t payload_bytes, struct why *why);

@@ -122,7 +122,8 @@ struct store_superblock {
 
 /**
  * One node: what selection needs to know without the geometry.  Records lie breadth first, children
- * of a node side by side in Morton order, so a parent's index is less than its children's.
+ * of a node side by side in Morton order, so a parent's index is less than its children's.  A store
+ * has at least its root; only the root of a model without triangles has neither children nor payload.
  */
 struct store_node {
 	uint64_t payload_id;       /* stable across generations; 0: nothing to draw */

@@ -27,7 +27,7 @@ struct payload_content {
 	uint32_t normal_format;   /* PAYLOAD_OCT8 or PAYLOAD_OCT16, if normals */
 	double origin[3];
 	double scale;
-	const struct payload_run *runs; /* run_count */
+	const struct payload_run *runs; /* run_count; vertices lie in the order of their runs */
 	const uint32_t *indices;        /* triangle_count x 3, stored as 16 bits where they fit */
 	const void *positions;          /* vertex_count x 8 or 16 bytes */
 	const void *normals;            /* vertex_count x 2 or 4 bytes */
@@ -57,8 +57,9 @@ struct payload_view {
 
 /**
  * Judges a decoded payload as a whole, so that whoever draws it needs no check: header, streams
- * inside the bytes and apart from each other, indices below vertex_count, runs ascending, floats
- * finite, counts and id as the HS record says.
+ * at their places, pads zero, runs ascending, vertices in the order of their runs, indices inside
+ * their run's vertices, floats finite, counts and id as the HS record says.  Part and section of a
+ * run are numbers of the names block, which is not known here: whoever looks them up compares.
  *
  * payload:  16-byte aligned, payload_bytes long.
  * node:     its record, or NULL to judge the payload alone.
@@ -68,6 +69,20 @@ struct payload_view {
  */
 int payload_validate(const void *payload, size_t payload_bytes, const struct store_node *node,
 		     struct why *why);
+
+/**
+ * The part of payload_validate() that looks at the header alone: whoever has judged it may write
+ * the streams at their places in payload_bytes.  For decoders.
+ *
+ * header:  8-byte aligned, with the whole header's bytes.
+ *
+ * Returns: 0, or -EUCLEAN with the reason.
+ */
+int payload_validate_header(const struct payload_header *header, size_t payload_bytes,
+			    struct why *why);
+
+/** How many elements a stream of this semantic has: corners, vertices or triangles. */
+uint64_t payload_stream_elements(const struct payload_header *header, unsigned semantic);
 
 /** Finds the arrays of a payload that payload_validate() has passed. */
 void payload_view(const void *payload, struct payload_view *ret);

@@ -51,14 +51,17 @@ struct payload_stream {
 	uint8_t semantic; /* enum payload_semantic; each at most once, in ascending order */
 	uint8_t format;   /* enum payload_format */
 	uint16_t element_bytes;
-	uint32_t offset_bytes; /* a multiple of PAYLOAD_ALIGN_BYTES */
+	uint32_t offset_bytes; /* the first multiple of PAYLOAD_ALIGN_BYTES behind what is before */
 };
 
-/** Triangles first_triangle .. the next run's first_triangle - 1 belong to one part. */
+/**
+ * Triangles first_triangle .. the next run's first_triangle - 1 belong to one part.  No vertex is
+ * shared by two runs, and the vertices lie in the order of their runs.
+ */
 struct payload_run {
 	uint32_t part; /* index into the names block */
 	uint32_t section;
-	uint32_t first_triangle; /* ascending; the first run's is 0 */
+	uint32_t first_triangle; /* strictly ascending; the first run's is 0 */
 	uint32_t colour;         /* of the part, 0xAABBGGRR */
 };
 

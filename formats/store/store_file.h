@@ -42,6 +42,14 @@ struct store_file *store_close(struct store_file *store);
 
 int store_fd(const struct store_file *store);
 
+/**
+ * Reads one of the two superblocks, 0 or 1, as it lies.  It may be the older one.
+ *
+ * Returns: 0, -EINVAL (its magic is not there), -EUCLEAN (checksum), -EPROTONOSUPPORT, -ENODATA or
+ *	-errno.  ret is set to what was read unless reading failed.
+ */
+int store_read_superblock(int fd, uint32_t slot, struct store_superblock *ret, struct why *why);
+
 /** Valid until store_close(). */
 const struct store_superblock *store_superblock(const struct store_file *store);
 

@@ -57,10 +57,14 @@ struct store_names_content {
  * gives the file its name, replacing what stood there.
  *
  * superblock:  the caller fills everything that describes the model (counts, grid, boxes, units);
- *              magic, version, uuid, generation, file_bytes, extents and checksum are filled here.
- * nodes:       the whole HS, in record order.
+ *              magic, version, uuid, generation, file_bytes, extents, checksum and the counts of
+ *              parts and sections are filled here.
+ * nodes:       the whole HS, in record order; a model without triangles has its root alone, of
+ *              STORE_KIND_NONE, all zero but for parent, first_child and parent_error.
  *
- * Returns: 0, -ENOSPC, -EIO, -ENOMEM or -errno; on failure the old store stands unchanged.
+ * Returns: 0, -EUCLEAN (no reader would open it: the caller's mistake, with the reason), -EINVAL
+ *	(no nodes), -EOVERFLOW (names), -ENOSPC, -EIO, -ENOMEM or -errno; on failure the old store
+ *	stands unchanged (but for the folder's flush: new_file.h).
  */
 int store_writer_commit(struct store_writer *writer, struct store_superblock *superblock,
 			const struct store_node *nodes, const struct store_names_content *names,

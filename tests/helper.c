@@ -1,0 +1,164 @@
+/* SPDX-License-Identifier: MIT */
+#include <dirent.h>
+#include <errno.h>
+#include <ftw.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "tests/helper.h"
+
+#define LIST_BYTES 4096
+
+/* ---- the whole program ---- */
+
+void test_descriptors_note(struct test_descriptors *ret)
+{
+	DIR *folder = opendir("/proc/self/fd");
+
+	memset(ret, 0, sizeof(*ret));
+	if (!folder)
+		abort();
+	for (struct dirent *entry = readdir(folder); entry; entry = readdir(folder)) {
+		long fd = strtol(entry->d_name, NULL, 10);
+
+		if (entry->d_name[0] != '.' && fd < TEST_DESCRIPTOR_MAX && fd != dirfd(folder))
+			ret->is_open[fd] = true;
+	}
+	closedir(folder);
+}
+
+int test_descriptors_leaked(const struct test_descriptors *before)
+{
+	struct test_descriptors now;
+	int leaked = 0;
+
+	test_descriptors_note(&now);
+	for (int fd = 0; fd < TEST_DESCRIPTOR_MAX; fd++) {
+		char link[64];
+		char target[256] = "";
+
+		if (!now.is_open[fd] || before->is_open[fd])
+			continue;
+		(void)snprintf(link, sizeof(link), "/proc/self/fd/%d", fd);
+		if (readlink(link, target, sizeof(target) - 1) < 0)
+			target[0] = '\0';
+		fprintf(stderr, "descriptor %d leaked: %s\n", fd, target);
+		leaked++;
+	}
+	return leaked;
+}
+
+/* ---- files ---- */
+
+char *test_folder_make(void)
+{
+	const char *base = getenv("TMPDIR");
+	char *folder;
+
+	/* /var/tmp: /tmp is often in memory, where O_DIRECT may be missing. */
+	if (asprintf(&folder, "%s/oocd-test-XXXXXX", base && base[0] ? base : "/var/tmp") < 0)
+		fail_msg("no memory");
+	if (!mkdtemp(folder))
+		fail_msg("%s: %s", folder, strerror(errno));
+	return folder;
+}
+
+static int remove_entry(const char *path, const struct stat *status, int kind, struct FTW *place)
+{
+	(void)status;
+	(void)kind;
+	(void)place;
+	return remove(path);
+}
+
+void test_folder_remove(char *folder)
+{
+	(void)nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+	free(folder);
+}
+
+int test_folder_setup(void **state)
+{
+	*state = test_folder_make();
+	return 0;
+}
+
+int test_folder_teardown(void **state)
+{
+	test_folder_remove(*state);
+	return 0;
+}
+
+const char *test_path(const char *folder, const char *name)
+{
+	static char paths[16][512];
+	static unsigned next;
+	char *path = paths[next++ % 16];
+
+	if (snprintf(path, sizeof(paths[0]), "%s/%s", folder, name) >= (int)sizeof(paths[0]))
+		fail_msg("%s/%s: too long", folder, name);
+	return path;
+}
+
+static int is_not_dots(const struct dirent *entry)
+{
+	return strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0;
+}
+
+static int compare_names(const struct dirent **a, const struct dirent **b)
+{
+	return strcmp((*a)->d_name, (*b)->d_name);
+}
+
+const char *test_folder_list(const char *folder)
+{
+	static char list[LIST_BYTES];
+	struct dirent **entries;
+	size_t used = 0;
+	int count = scandir(folder, &entries, is_not_dots, compare_names);
+
+	if (count < 0)
+		fail_msg("%s: %s", folder, strerror(errno));
+	list[0] = '\0';
+	for (int i = 0; i < count; i++) {
+		if (used < sizeof(list))
+			used += (size_t)snprintf(list + used, sizeof(list) - used, "%s ",
+						 entries[i]->d_name);
+		free(entries[i]);
+	}
+	free(entries);
+	return list;
+}
+
+void *test_file_read(const char *path, size_t *ret_bytes)
+{
+	FILE *file = fopen(path, "re");
+	struct stat status;
+	void *data;
+
+	if (!file || fstat(fileno(file), &status) < 0)
+		fail_msg("%s: %s", path, strerror(errno));
+	data = malloc((size_t)status.st_size + 1);
+	if (!data || fread(data, 1, (size_t)status.st_size, file) != (size_t)status.st_size)
+		fail_msg("%s: cannot be read", path);
+	(void)fclose(file);
+	*ret_bytes = (size_t)status.st_size;
+	return data;
+}
+
+void test_file_write(const char *path, const void *data, size_t size_bytes)
+{
+	FILE *file = fopen(path, "we");
+
+	if (!file || fwrite(data, 1, size_bytes, file) != size_bytes || fclose(file) != 0)
+		fail_msg("%s: cannot be written", path);
+}

@@ -1,0 +1,87 @@
+/* SPDX-License-Identifier: MIT */
+/**
+ * helper.h - what tests of every area share: folders, descriptors, small stores.
+ *
+ * Nothing here returns an error: what goes wrong fails the test that asked for it.  Include it
+ * after <cmocka.h>.
+ */
+#ifndef TESTS_HELPER_H
+#define TESTS_HELPER_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/* ---- the whole program ---- */
+
+#define TEST_DESCRIPTOR_MAX 1024
+
+/** The descriptors that are open. */
+struct test_descriptors {
+	bool is_open[TEST_DESCRIPTOR_MAX];
+};
+
+void test_descriptors_note(struct test_descriptors *ret);
+
+/** Names those that are open now and were not then.  Returns: how many. */
+int test_descriptors_leaked(const struct test_descriptors *before);
+
+/** `return TEST_RUN(tests);` ends main(): runs all, and counts leaked descriptors as failures. */
+#define TEST_RUN(tests)                                                                            \
+	({                                                                                         \
+		struct test_descriptors test_before;                                               \
+		test_descriptors_note(&test_before);                                               \
+		cmocka_run_group_tests(tests, NULL, NULL) + test_descriptors_leaked(&test_before); \
+	})
+
+/* ---- files ---- */
+
+/** Makes a folder of its own, on a disk.  Ownership: ends with test_folder_remove(). */
+char *test_folder_make(void);
+
+/** Removes a folder and all in it, and frees its name. */
+void test_folder_remove(char *folder);
+
+/** For cmocka_unit_test_setup_teardown(): *state is a new folder's name. */
+int test_folder_setup(void **state);
+int test_folder_teardown(void **state);
+
+/** "folder/name" in memory that lasts for the next 16 calls. */
+const char *test_path(const char *folder, const char *name);
+
+/** Names in a folder but "." and "..", in byte order, each followed by a space. */
+const char *test_folder_list(const char *folder);
+
+/** Reads a whole file.  Ownership: free(). */
+void *test_file_read(const char *path, size_t *ret_bytes);
+void test_file_write(const char *path, const void *data, size_t size_bytes);
+
+/* ---- stores ---- */
+
+/**
+ * A scene of count^3 boxes, each of edge 0.5 in the middle of a unit cube, the corner of the first
+ * cube at the store's origin (100, 200, 300).  A leaf holds up to 2^3 boxes, each a run of its own;
+ * inner nodes have nothing to draw.  Box k is of part k % part_count; the first half of the parts is
+ * of section 0, the rest of section 1.
+ */
+struct test_grid {
+	uint32_t count;       /* boxes along an edge, up to 64; 0: a model without triangles */
+	uint32_t codec;       /* enum store_codec */
+	uint32_t face_quads;  /* squares along an edge of a face, 1 .. 32; 0 means 1 */
+	uint32_t part_count;  /* 0 means 4 */
+	bool float_positions; /* PAYLOAD_F32X3_RUN and no step, in place of PAYLOAD_U16X3_RUN */
+	bool normals;         /* PAYLOAD_OCT8, of the faces */
+	bool colours;         /* of the vertices */
+	bool triangle_ids;
+};
+
+/** Triangles of the scene. */
+uint64_t test_grid_triangles(const struct test_grid *grid);
+
+/** Writes a valid store of the scene.  The same bytes for the same scene. */
+void test_store_grid_make(const char *path, const struct test_grid *grid);
+
+/** The same with count boxes along an edge and nothing special. */
+void test_store_grid(const char *path, uint32_t count);
+
+#endif /* TESTS_HELPER_H */
