@@ -119,9 +119,8 @@ enum wire_set_flag {
 
 struct wire_set {
 	struct wire_header header;
-	uint64_t
-		serial; /* > 0, the same in all messages of a set, larger than that of any set before */
-	uint32_t flags; /* enum wire_set_flag */
+	uint64_t serial; /* > 0, the same in all its messages, above those of all sets before */
+	uint32_t flags;  /* enum wire_set_flag */
 	uint32_t entry_count;
 	struct wire_entry entries[];
 };

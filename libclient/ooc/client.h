@@ -14,10 +14,13 @@
  *   1. A set replaces the set before it.  What is in it is held: it stays where it is.  What dropped
  *      out is given back when the client says that it draws it no longer, which the next
  *      ooc_visible_set() says unless ooc_keep_drawing() was called.
- *   2. A pointer from ooc_map() is good until a set without the node is sent, or the daemon is lost
- *      and has been away for longer than its grace period (ooc_still_valid() tells).
- *   3. Losing the daemon loses nothing that is mapped.  The library reconnects and says the set again
- *      by itself; until then nothing new becomes drawable.
+ *   2. A pointer from ooc_map() is good until the next ooc_visible_set(), ooc_dispatch() or
+ *      ooc_wait(): map again after each, it costs next to nothing.  With ooc_keep_drawing() it is
+ *      good until ooc_retire() is called with a set that was given after it was mapped.
+ *   3. Losing the daemon loses nothing that is drawable.  The library reconnects, opens its stores
+ *      and says the set again by itself; until then nothing new becomes drawable.  Only a client
+ *      that was itself away for long (stopped, suspended) may find that the daemon has given its
+ *      memory to others meanwhile: ooc_still_valid() tells, after a copy or a draw.
  *
  * Threads: a client and its stores belong to one thread, but for ooc_map(), ooc_locate(),
  *	ooc_still_valid() and the functions that read the HS, which render threads may call while the
@@ -66,13 +69,27 @@ OOC_API struct ooc_client *ooc_disconnect(struct ooc_client *client);
 /** Reason of the last failure of a function of this client, one line; NULL: of ooc_connect(). */
 OOC_API const char *ooc_error_text(const struct ooc_client *client);
 
-/** Descriptor that becomes readable when ooc_dispatch() has something to do.  May change. */
+/**
+ * Descriptor that becomes readable when ooc_dispatch() has something to do; see ooc_notify().
+ *
+ * Returns: it, or -1 while the daemon is away: then call ooc_dispatch() now and again.  It may change
+ *	with each ooc_dispatch().
+ */
 OOC_API int ooc_fd(const struct ooc_client *client);
 
 /**
- * Takes what the daemon has sent; reconnects if it was lost (at most one quick try a call).
+ * Shall ooc_fd() become readable when nodes of the set have become drawable, and when it is settled?
+ * For programs that sleep until there is something to draw.  Off at first: who draws frame after
+ * frame sees it in shared memory, and would get messages for nothing.
+ */
+OOC_API void ooc_notify(struct ooc_client *client, bool notify);
+
+/**
+ * Takes what the daemon has sent; reconnects if it was lost (at most one quick try a call, and a
+ * daemon of the user's own is started again).
  *
- * Returns: 0, or -ENOTCONN while the daemon is away: keep drawing, call again next frame.
+ * Returns: 0; -ENOTCONN while the daemon is away: keep drawing, call again next frame; -ESTALE, once,
+ *	when the daemon serves one of the stores no longer: ooc_store_error() tells which.
  * May block: no.
  */
 OOC_API int ooc_dispatch(struct ooc_client *client);
@@ -86,6 +103,15 @@ OOC_API int ooc_dispatch(struct ooc_client *client);
  */
 OOC_API int ooc_open(struct ooc_client *client, const char *path, struct ooc_store **ret);
 OOC_API struct ooc_store *ooc_close(struct ooc_store *store);
+
+/**
+ * Why a store is no longer served, after the daemon was lost and has come back.  What was drawable
+ * stays so, and the HS stays as it is; nothing new becomes drawable until it is closed and opened.
+ *
+ * Returns: 0, -ESTALE (the file has another generation now, whose nodes have other numbers), or what
+ *	ooc_open() would return.
+ */
+OOC_API int ooc_store_error(const struct ooc_store *store);
 
 /** The store's superblock and HS: node_count records, read-only, valid until ooc_close(). */
 OOC_API const struct store_superblock *ooc_superblock(const struct ooc_store *store);
@@ -102,14 +128,17 @@ struct ooc_want {
 /**
  * Says which nodes are wanted from now on.
  *
- * wants:  in descending importance, no node twice; all stores of this client.  Copied.
+ * wants:  in descending importance, of any open stores of this client.  Copied.  A node given twice
+ *         counts once.
  *
- * A set equal to the one before sends nothing.  While one set is unanswered the newest of those
+ * A set equal to the one before, importances included, sends nothing.  While one set is unanswered the newest of those
  * given since waits in the library and goes out with the next ooc_dispatch() after the answer.
  *
- * Returns: the set's serial (> 0), or -EINVAL (a node that is none), -E2BIG (more than 2^20 nodes),
- *	-ENOMEM.  A lost daemon is no error: the set is said again on reconnection.
- * Cost: O(count); one system call for each 5,460 nodes where something changed.  May block: no.
+ * Returns: the set's serial (> 0, larger than that of any other set before), or -EINVAL (a node that
+ *	is none or has nothing to draw; an importance that is none or does not descend), -E2BIG (more
+ *	than 2^20 nodes), -ENOMEM: then the set before stays.  A lost daemon is no error: the set is
+ *	said again on reconnection.
+ * Cost: O(count); one system call for each 5,459 nodes where something changed.  May block: no.
  */
 OOC_API int64_t ooc_visible_set(struct ooc_client *client, const struct ooc_want *wants,
 				size_t count);
@@ -120,7 +149,12 @@ OOC_API int64_t ooc_visible_set(struct ooc_client *client, const struct ooc_want
  */
 OOC_API void ooc_keep_drawing(struct ooc_client *client, bool keep);
 
-/** Nothing of sets before `serial` that is not in it is drawn any longer. Returns: 0 or -errno. */
+/**
+ * Nothing of sets before `serial` that is not in it is drawn any longer.  Call it when the draws of a
+ * frame that used that set have begun and those of all frames before have ended.
+ *
+ * Returns: 0, or -EINVAL (no such set was given).  May block: no.
+ */
 OOC_API int ooc_retire(struct ooc_client *client, int64_t serial);
 
 /**
@@ -133,7 +167,7 @@ OOC_API const void *ooc_map(const struct ooc_store *store, uint32_t node);
 
 /** Where a drawable node's payload lies, for programs that make GPU buffers of whole segments. */
 struct ooc_place {
-	uint32_t segment;
+	uint32_t segment; /* a small number for ooc_segment(), < 4096 */
 	uint64_t offset_bytes;
 	uint64_t fill; /* differs for each filling of the node: what was copied is still the same */
 };
@@ -141,12 +175,13 @@ struct ooc_place {
 /** Returns: 0, or -EAGAIN while the node is not drawable. */
 OOC_API int ooc_locate(const struct ooc_store *store, uint32_t node, struct ooc_place *ret);
 
-/** Was the payload at `place` there, unchanged, all the while until now? */
+/** Was the payload at `place` there, unchanged, all the while until now?  No system call. */
 OOC_API bool ooc_still_valid(const struct ooc_store *store, uint32_t node,
 			     const struct ooc_place *place);
 
 /**
- * A segment's mapping, read-only.  Segments come and go; `unique` differs for each that ever was.
+ * A segment's mapping, read-only, good as long as a pointer from ooc_map() into it is.  Segments come
+ * and go; `unique` differs for each that ever was.
  *
  * Returns: 0, or -ENOENT where there is none of that number.
  */
@@ -159,30 +194,32 @@ enum ooc_reason {
 	OOC_REASON_FULL = 1,       /* more is wanted than fits: ask for less, or draw in portions */
 	OOC_REASON_DAMAGED = 2,    /* the store is damaged there */
 	OOC_REASON_UNREADABLE = 3, /* the device failed */
-	OOC_REASON_NO_MEMORY = 4,
+	OOC_REASON_NO_MEMORY = 4,  /* the daemon is short of memory */
+	OOC_REASON_LOST = 5,       /* ooc_store_error() says why */
 };
 
+/** No system call; what ooc_dispatch() has brought counts. */
 OOC_API enum ooc_reason ooc_not_now(const struct ooc_store *store, uint32_t node);
 
 /** How far the newest set is. */
 struct ooc_progress {
 	int64_t serial; /* of the newest set given to ooc_visible_set() */
 	bool settled;   /* each of its nodes is drawable or was answered "not now" */
-	bool complete;  /* settled, and none was answered "not now" */
+	bool complete;  /* each of them is drawable */
 	size_t want_count;
 	size_t drawable_count;
 	size_t refused_count;
 };
 
-/** No system call.  Cost: O(nodes of the set). */
+/** No system call; what ooc_dispatch() has brought counts.  Cost: O(nodes of the set). */
 OOC_API void ooc_progress(const struct ooc_client *client, struct ooc_progress *ret);
 
 /**
- * Waits until the newest set is settled.
+ * Waits until the newest set is settled, dispatching meanwhile.
  *
  * timeout_ms:  < 0: for ever.
  *
- * Returns: 0, -ETIMEDOUT, or -ENOTCONN when the daemon is away and does not come back in time.
+ * Returns: 0 (ooc_progress() says whether it is complete as well), -ETIMEDOUT, or -ENOTCONN when the daemon is away and does not come back in time.
  */
 OOC_API int ooc_wait(struct ooc_client *client, int timeout_ms);
 
@@ -190,7 +227,10 @@ OOC_API int ooc_wait(struct ooc_client *client, int timeout_ms);
  * Asks for nodes that may be wanted soon, nearest in time first.  Never delays anyone's set, holds
  * nothing; replaces what was asked for before and is still queued.
  *
- * Returns: 0, -EINVAL, -ENOTCONN or -errno.
+ * wants:  as for ooc_visible_set(); at most the first 5,459 count.
+ *
+ * Returns: 0, -EINVAL, -E2BIG, -EAGAIN (the daemon is behind: ask again) or -ENOTCONN.
+ * May block: no.
  */
 OOC_API int ooc_prefetch(struct ooc_client *client, const struct ooc_want *wants, size_t count);
 
