@@ -18,9 +18,9 @@ struct importer {
 };
 
 static const struct importer importers[] = {
-	{ ".ply", ply_import },
-	{ ".obj", obj_import },
-	{ ".stl", stl_import },
+	{ ".ply", ply_import },   { ".obj", obj_import },
+	{ ".stl", stl_import },   { ".wrl", vrml_import },
+	{ ".vrml", vrml_import }, { ".wrz", vrml_import }, /* .wrl.gz by its usual name */
 };
 
 /* Does name[0, length) end with the suffix, in any case? */
@@ -57,6 +57,8 @@ static const struct importer *importer_of_content(const struct source *source, c
 
 	if (length >= 4 && strncmp(begin, "ply", 3) == 0 && source_is_blank((uint8_t)begin[3]))
 		return importer_of_name("a.ply");
+	if (length >= 10 && strncmp(begin, "#VRML V2.0", 10) == 0)
+		return importer_of_name("a.wrl");
 	return importer_of_name(path);
 }
 

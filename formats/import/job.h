@@ -24,5 +24,6 @@ struct import_job {
 int ply_import(struct import_job *job, struct why *why);
 int obj_import(struct import_job *job, struct why *why);
 int stl_import(struct import_job *job, struct why *why);
+int vrml_import(struct import_job *job, struct why *why);
 
 #endif /* FORMATS_IMPORT_JOB_H */

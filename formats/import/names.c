@@ -51,14 +51,25 @@ static int names_grow(struct names *names)
 	return 0;
 }
 
-uint32_t names_find(const struct names *names, const char *name)
+static const struct name_slot *find_slot(const struct names *names, const char *name)
 {
-	const struct name_slot *slot;
+	static const struct name_slot none;
 
 	if (names->slot_count == 0)
-		return UINT32_MAX;
-	slot = slot_of(names, names->slots, names->slot_count, name);
+		return &none;
+	return slot_of(names, names->slots, names->slot_count, name);
+}
+
+uint32_t names_find(const struct names *names, const char *name)
+{
+	const struct name_slot *slot = find_slot(names, name);
+
 	return slot->name ? slot->number : UINT32_MAX;
+}
+
+const char *names_text(const struct names *names, const char *name)
+{
+	return find_slot(names, name)->name;
 }
 
 int names_add(struct names *names, const char *name, uint32_t *ret_number, struct why *why)

@@ -36,4 +36,7 @@ int names_add(struct names *names, const char *name, uint32_t *ret_number, struc
 /** The number of a name, or UINT32_MAX. */
 uint32_t names_find(const struct names *names, const char *name);
 
+/** A name that is there, as it is kept: valid until names_done().  NULL when it is not there. */
+const char *names_text(const struct names *names, const char *name);
+
 #endif /* FORMATS_IMPORT_NAMES_H */

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "formats/import/source.h"
 
+#include <ctype.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
@@ -379,11 +380,17 @@ static bool number_is_cut(const struct source *source, const char *end)
 	return source->end - from <= NUMBER_TAIL_BYTES && !source->reader->ended;
 }
 
+/* Could the byte be part of a number or word, so that what is before it is none? */
+static bool continues_word(uint8_t byte)
+{
+	return isalnum(byte) || byte == '.' || byte == '+' || byte == '-' || byte == '_';
+}
+
 static int number_end(struct source *source, const char *end, struct why *why)
 {
 	int word_length = 0;
 
-	if (end && (source_is_blank((uint8_t)*end) || (const uint8_t *)end == source->end)) {
+	if (end && !continues_word((uint8_t)*end)) {
 		source->at = (const uint8_t *)end;
 		return 0;
 	}
