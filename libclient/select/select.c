@@ -7,15 +7,9 @@
 #include <string.h>
 
 #include "formats/base/check.h"
-#include "formats/store/layout.h"
+#include "libclient/select/places.h"
 
-/*
- * Cells.  The leaves and the empty octants of inner nodes together fill the root cell without gap or
- * overlap.  Empty octants have no record, so they are numbered behind the records: a cell below
- * node_count is a leaf, one above it is empty.  (Numbers of inner nodes are no cells.)
- */
-
-/** Children of a node that has no record of its own to begin with: one a level, seven siblings. */
+/** Nodes that wait during a descent: the siblings of one node a level. */
 #define TRAVERSAL_STACK_MAX (8 * (STORE_LEVEL_MAX + 1))
 #define SIDE_PLANES         4
 #define PLANES              5
@@ -31,12 +25,6 @@ struct bounds {
 	float half[3];
 };
 
-/** A cell is a cube; half is rounded up by what centre may be off. */
-struct cell_cube {
-	float centre[3];
-	float half;
-};
-
 /** Planes and eye in the precision of the boxes. */
 struct view_planes {
 	double plane[PLANES][4];
@@ -45,21 +33,14 @@ struct view_planes {
 };
 
 struct selector {
-	const struct store_superblock *superblock;
 	const struct store_node *nodes;
 	uint32_t node_count;
-	uint32_t cell_count;
+	struct places places;  /* the first node_count of them are the nodes */
+	struct bounds *bounds; /* a node: its tight box; an inner one: of all leaves below */
 
-	struct bounds *bounds;    /* a node: its tight box; an inner one: of all leaves below */
-	uint8_t *present;         /* a node: mask of the octants that have a record */
-	uint32_t *first_empty;    /* a node: cell number of its first empty octant */
-	struct cell_cube *cubes;  /* a cell */
-	uint32_t *first_adjacent; /* a cell, and one: where its neighbours begin */
-	uint32_t *adjacent;       /* cells that share a part of a face */
-
-	/* Scratch of one call.  A cell or node is marked when its mark is the call's number. */
+	/* Scratch of one call.  A place or node is marked when its mark is the call's number. */
 	uint32_t call;
-	uint32_t *enqueued; /* a cell: it was in the front, or is out of view */
+	uint32_t *enqueued; /* a place: it was in the front, or is out of view */
 	uint32_t *selected; /* a node */
 	uint32_t *front;    /* cells in the order of arrival: by layer, then by time */
 	struct selection_entry *entries;
@@ -67,7 +48,7 @@ struct selector {
 	uint64_t *sort_spare;
 };
 
-/* ---- the tree ---- */
+/* ---- tight boxes ---- */
 
 static bool node_is_leaf(const struct store_node *node)
 {
@@ -78,125 +59,6 @@ static bool node_is_leaf(const struct store_node *node)
 static bool node_is_drawn(const struct store_node *node)
 {
 	return node_is_leaf(node) && node->payload_id != 0;
-}
-
-static bool is_cell(const struct selector *selector, uint32_t place)
-{
-	return place >= selector->node_count || node_is_leaf(&selector->nodes[place]);
-}
-
-static unsigned node_octant(const struct store_node *node)
-{
-	return (node->cell[0] & 1) | (node->cell[1] & 1) << 1 | (node->cell[2] & 1) << 2;
-}
-
-/* The node or empty cell in an octant of an inner node. */
-static uint32_t child_in_octant(const struct selector *selector, uint32_t node, unsigned octant)
-{
-	unsigned below = (1u << octant) - 1;
-	unsigned present = selector->present[node];
-
-	if (present >> octant & 1)
-		return selector->nodes[node].first_child +
-		       (uint32_t)__builtin_popcount(present & below);
-	return selector->first_empty[node] + (uint32_t)__builtin_popcount(~present & below);
-}
-
-/* ---- neighbours: both sides of every shared face are descended at the same time ---- */
-
-/*
- * Called twice for each pair: first to count (adjacent is NULL), then to fill.  While filling,
- * first_adjacent[c + 1] is the end of what cell c has so far.
- */
-static void pair_emit(struct selector *selector, uint32_t a, uint32_t b)
-{
-	if (selector->adjacent) {
-		selector->adjacent[selector->first_adjacent[a + 1]] = b;
-		selector->adjacent[selector->first_adjacent[b + 1]] = a;
-	}
-	selector->first_adjacent[a + 1]++;
-	selector->first_adjacent[b + 1]++;
-}
-
-/* `low` and `high` share a face across `axis`, and one of them covers it. */
-static void face_descend(struct selector *selector, uint32_t low, uint32_t high, unsigned axis)
-{
-	bool low_is_cell = is_cell(selector, low);
-	bool high_is_cell = is_cell(selector, high);
-	unsigned u = 1u << (axis + 1) % 3;
-	unsigned v = 1u << (axis + 2) % 3;
-
-	if (low_is_cell && high_is_cell) {
-		pair_emit(selector, low, high);
-		return;
-	}
-	for (unsigned i = 0; i < 4; i++) {
-		unsigned quarter = (i & 1 ? u : 0) | (i & 2 ? v : 0);
-
-		face_descend(selector,
-			     low_is_cell ? low
-					 : child_in_octant(selector, low, quarter | 1u << axis),
-			     high_is_cell ? high : child_in_octant(selector, high, quarter), axis);
-	}
-}
-
-/* All pairs of cells in the tree: those inside each node, across its three middle planes. */
-static void pairs_emit_all(struct selector *selector)
-{
-	for (uint32_t node = 0; node < selector->node_count; node++) {
-		if (is_cell(selector, node))
-			continue;
-		for (unsigned octant = 0; octant < 8; octant++)
-			for (unsigned axis = 0; axis < 3; axis++)
-				if (!(octant >> axis & 1))
-					face_descend(selector,
-						     child_in_octant(selector, node, octant),
-						     child_in_octant(selector, node,
-								     octant | 1u << axis),
-						     axis);
-	}
-}
-
-static int selector_connect(struct selector *selector)
-{
-	uint32_t *first = selector->first_adjacent;
-	uint64_t sum = 0;
-
-	pairs_emit_all(selector);
-	for (uint32_t cell = 0; cell < selector->cell_count; cell++) {
-		uint32_t count = first[cell + 1];
-
-		/* Where the cell begins; filling moves it to where it ends, the next one's begin. */
-		first[cell + 1] = (uint32_t)sum;
-		sum += count;
-		if (sum > UINT32_MAX)
-			return -ENOMEM;
-	}
-	selector->adjacent = malloc((sum + 1) * sizeof(*selector->adjacent));
-	if (!selector->adjacent)
-		return -ENOMEM;
-	pairs_emit_all(selector);
-	return 0;
-}
-
-/* ---- boxes and cubes ---- */
-
-static struct cell_cube cube_of(const struct store_superblock *superblock, unsigned level,
-				const uint32_t coordinates[3])
-{
-	double edge = ldexp(superblock->root_size, -(int)level);
-	double largest = 0.0;
-	struct cell_cube cube;
-
-	for (int i = 0; i < 3; i++) {
-		double centre = superblock->root_min[i] + ((double)coordinates[i] + 0.5) * edge;
-
-		cube.centre[i] = (float)centre;
-		largest = fmax(largest, fabs(centre));
-	}
-	/* Rounded up by more than a float of the centre is off. */
-	cube.half = (float)(0.5 * edge * (1.0 + 1e-6) + largest * 0x1p-23);
-	return cube;
 }
 
 static void bounds_set(struct bounds *bounds, const float box_min[3], const float box_max[3])
@@ -253,52 +115,6 @@ static void selector_bound(struct selector *selector)
 	}
 }
 
-/* Numbers the empty octants; false when there are too many to number. */
-static bool selector_number(struct selector *selector)
-{
-	uint64_t next = selector->node_count;
-
-	for (uint32_t i = 1; i < selector->node_count; i++) {
-		const struct store_node *node = &selector->nodes[i];
-
-		CHECK(node->parent < i && node->level == selector->nodes[node->parent].level + 1);
-		selector->present[node->parent] |= (uint8_t)(1u << node_octant(node));
-	}
-	for (uint32_t i = 0; i < selector->node_count; i++) {
-		if (node_is_leaf(&selector->nodes[i]))
-			continue;
-		if (next > UINT32_MAX - 8)
-			return false;
-		selector->first_empty[i] = (uint32_t)next;
-		next += 8u - (unsigned)__builtin_popcount(selector->present[i]);
-	}
-	selector->cell_count = (uint32_t)next;
-	return true;
-}
-
-static void selector_place(struct selector *selector)
-{
-	for (uint32_t i = 0; i < selector->node_count; i++) {
-		const struct store_node *node = &selector->nodes[i];
-		uint32_t cell = selector->first_empty[i];
-
-		if (node_is_leaf(node)) {
-			selector->cubes[i] = cube_of(selector->superblock, node->level, node->cell);
-			continue;
-		}
-		for (unsigned octant = 0; octant < 8; octant++) {
-			uint32_t coordinates[3];
-
-			if (selector->present[i] >> octant & 1)
-				continue;
-			for (unsigned k = 0; k < 3; k++)
-				coordinates[k] = 2 * node->cell[k] + (octant >> k & 1);
-			selector->cubes[cell++] =
-				cube_of(selector->superblock, node->level + 1u, coordinates);
-		}
-	}
-}
-
 /* calloc() for at least one element, so that an empty store has arrays too. */
 static void *array_create(uint64_t count, size_t element_bytes)
 {
@@ -314,32 +130,24 @@ int selector_create(const struct store_superblock *superblock, const struct stor
 	if (!selector)
 		return -ENOMEM;
 	CHECK(node_count <= STORE_NODE_COUNT_MAX);
-	selector->superblock = superblock;
 	selector->nodes = nodes;
 	selector->node_count = (uint32_t)node_count;
+	if (places_init(&selector->places, superblock, nodes) < 0)
+		goto err_destroy;
 	selector->bounds = array_create(node_count, sizeof(*selector->bounds));
-	selector->present = array_create(node_count, sizeof(*selector->present));
-	selector->first_empty = array_create(node_count, sizeof(*selector->first_empty));
 	selector->selected = array_create(node_count, sizeof(*selector->selected));
 	selector->entries = array_create(node_count, sizeof(*selector->entries));
 	selector->sort_keys = array_create(node_count, sizeof(*selector->sort_keys));
 	selector->sort_spare = array_create(node_count, sizeof(*selector->sort_spare));
-	if (!selector->bounds || !selector->present || !selector->first_empty ||
-	    !selector->selected || !selector->entries || !selector->sort_keys ||
-	    !selector->sort_spare || !selector_number(selector))
-		goto err_destroy;
-
-	selector->cubes = array_create(selector->cell_count, sizeof(*selector->cubes));
-	selector->first_adjacent =
-		array_create(selector->cell_count, sizeof(*selector->first_adjacent));
-	selector->enqueued = array_create(selector->cell_count, sizeof(*selector->enqueued));
-	selector->front = array_create(selector->cell_count, sizeof(*selector->front));
-	if (!selector->cubes || !selector->first_adjacent || !selector->enqueued ||
-	    !selector->front || selector_connect(selector) < 0)
+	selector->enqueued =
+		array_create(selector->places.place_count, sizeof(*selector->enqueued));
+	selector->front = array_create(selector->places.place_count, sizeof(*selector->front));
+	if (!selector->bounds || !selector->selected || !selector->entries ||
+	    !selector->sort_keys || !selector->sort_spare || !selector->enqueued ||
+	    !selector->front)
 		goto err_destroy;
 
 	selector_bound(selector);
-	selector_place(selector);
 	*ret = selector;
 	return 0;
 
@@ -352,18 +160,14 @@ struct selector *selector_destroy(struct selector *selector)
 {
 	if (!selector)
 		return NULL;
+	places_done(&selector->places);
 	free(selector->bounds);
-	free(selector->present);
-	free(selector->first_empty);
-	free(selector->cubes);
-	free(selector->first_adjacent);
-	free(selector->adjacent);
-	free(selector->enqueued);
 	free(selector->selected);
-	free(selector->front);
 	free(selector->entries);
 	free(selector->sort_keys);
 	free(selector->sort_spare);
+	free(selector->enqueued);
+	free(selector->front);
 	free(selector);
 	return NULL;
 }
@@ -406,7 +210,7 @@ static enum side bounds_side(const struct view_planes *planes, const struct boun
 }
 
 /* The walk ignores the near plane: what it cuts off may still lead to what is seen. */
-static bool cube_in_view(const struct view_planes *planes, const struct cell_cube *cube)
+static bool cube_in_view(const struct view_planes *planes, const struct cube *cube)
 {
 	for (int i = 0; i < SIDE_PLANES; i++) {
 		const double *p = planes->plane[i];
@@ -432,7 +236,7 @@ static double bounds_distance2(const struct view_planes *planes, const struct bo
 	return sum;
 }
 
-static double cube_distance2(const struct view_planes *planes, const struct cell_cube *cube)
+static double cube_distance2(const struct view_planes *planes, const struct cube *cube)
 {
 	struct bounds bounds = { { cube->centre[0], cube->centre[1], cube->centre[2] },
 				 { cube->half, cube->half, cube->half } };
@@ -535,7 +339,8 @@ static void selection_begin(struct selector *selector, struct selection *ret)
 {
 	/* Marks of 2^32 calls ago would look like this call's. */
 	if (++selector->call == 0) {
-		memset(selector->enqueued, 0, selector->cell_count * sizeof(*selector->enqueued));
+		memset(selector->enqueued, 0,
+		       selector->places.place_count * sizeof(*selector->enqueued));
 		memset(selector->selected, 0, selector->node_count * sizeof(*selector->selected));
 		selector->call = 1;
 	}
@@ -578,39 +383,9 @@ void select_frustum(struct selector *selector, const struct camera_view *view,
 	selection_add_candidates(selector, &planes, UINT64_MAX, ret);
 }
 
-/* The node or empty cell that holds a point, or STORE_NODE_NONE outside of the root cell. */
-static uint32_t find_cell(const struct selector *selector, const double point[3])
-{
-	const struct store_superblock *superblock = selector->superblock;
-	double corner[3];
-	double edge = superblock->root_size;
-	uint32_t place = 0;
-
-	if (selector->node_count == 0)
-		return STORE_NODE_NONE;
-	for (int i = 0; i < 3; i++) {
-		corner[i] = superblock->root_min[i];
-		if (!(point[i] >= corner[i] && point[i] < corner[i] + edge))
-			return STORE_NODE_NONE;
-	}
-	while (!is_cell(selector, place)) {
-		unsigned octant = 0;
-
-		edge *= 0.5;
-		for (unsigned i = 0; i < 3; i++) {
-			if (point[i] < corner[i] + edge)
-				continue;
-			corner[i] += edge;
-			octant |= 1u << i;
-		}
-		place = child_in_octant(selector, place, octant);
-	}
-	return place;
-}
-
 uint32_t select_find_leaf(const struct selector *selector, const double point[3])
 {
-	uint32_t cell = find_cell(selector, point);
+	uint32_t cell = places_find_cell(&selector->places, point);
 
 	return cell < selector->node_count ? cell : STORE_NODE_NONE;
 }
@@ -621,46 +396,38 @@ struct nearest {
 	double distance2;
 };
 
-static void find_nearest(struct selector *selector, const struct view_planes *planes,
-			 uint32_t place, unsigned level, const uint32_t coordinates[3],
-			 struct nearest *nearest, uint64_t *nodes_visited)
+static void find_nearest(const struct places *places, const struct view_planes *planes,
+			 uint32_t place, struct nearest *nearest, uint64_t *nodes_visited)
 {
-	struct cell_cube cube = cube_of(selector->superblock, level, coordinates);
-	double distance2 = cube_distance2(planes, &cube);
+	const struct cube *cube = &places->cubes[place];
+	double distance2 = cube_distance2(planes, cube);
 	unsigned eye_octant = 0;
 
 	++*nodes_visited;
-	if (distance2 >= nearest->distance2 || !cube_in_view(planes, &cube))
+	if (distance2 >= nearest->distance2 || !cube_in_view(planes, cube))
 		return;
-	if (is_cell(selector, place)) {
+	if (place_is_cell(places, place)) {
 		nearest->cell = place;
 		nearest->distance2 = distance2;
 		return;
 	}
 	/* The eye's side first, so that most of the rest is farther than what was found. */
 	for (unsigned i = 0; i < 3; i++)
-		eye_octant |= planes->eye[i] >= cube.centre[i] ? 1u << i : 0;
-	for (unsigned i = 0; i < 8; i++) {
-		unsigned octant = eye_octant ^ i;
-		uint32_t below[3];
-
-		for (unsigned k = 0; k < 3; k++)
-			below[k] = 2 * coordinates[k] + (octant >> k & 1);
-		find_nearest(selector, planes, child_in_octant(selector, place, octant), level + 1,
-			     below, nearest, nodes_visited);
-	}
+		eye_octant |= planes->eye[i] >= cube->centre[i] ? 1u << i : 0;
+	for (unsigned i = 0; i < 8; i++)
+		find_nearest(places, planes, place_child(places, place, eye_octant ^ i), nearest,
+			     nodes_visited);
 }
 
-/* Where the walk begins: the eye's cell, else the nearest one in view, else STORE_NODE_NONE. */
-static uint32_t first_cell(struct selector *selector, const struct view_planes *planes,
+/* Where the walk begins: the eye's cell, else the nearest one in view, else PLACE_NONE. */
+static uint32_t first_cell(const struct places *places, const struct view_planes *planes,
 			   uint64_t *nodes_visited)
 {
-	static const uint32_t root_coordinates[3] = { 0, 0, 0 };
-	struct nearest nearest = { STORE_NODE_NONE, INFINITY };
-	uint32_t cell = find_cell(selector, planes->eye);
+	struct nearest nearest = { PLACE_NONE, INFINITY };
+	uint32_t cell = places_find_cell(places, planes->eye);
 
-	if (cell == STORE_NODE_NONE && selector->node_count > 0) {
-		find_nearest(selector, planes, 0, 0, root_coordinates, &nearest, nodes_visited);
+	if (cell == PLACE_NONE && places->place_count > 0) {
+		find_nearest(places, planes, 0, &nearest, nodes_visited);
 		cell = nearest.cell;
 	}
 	return cell;
@@ -673,6 +440,7 @@ static uint32_t first_cell(struct selector *selector, const struct view_planes *
 void select_layers(struct selector *selector, const struct camera_view *view,
 		   uint64_t budget_triangles, struct selection *ret)
 {
+	const struct places *places = &selector->places;
 	struct view_planes planes;
 	uint32_t front_begin = 0;
 	uint32_t front_end = 0;
@@ -683,8 +451,8 @@ void select_layers(struct selector *selector, const struct camera_view *view,
 	view_planes_set(&planes, view);
 	selection_begin(selector, ret);
 
-	cell = first_cell(selector, &planes, &ret->nodes_visited);
-	if (cell != STORE_NODE_NONE) {
+	cell = first_cell(places, &planes, &ret->nodes_visited);
+	if (cell != PLACE_NONE) {
 		selector->enqueued[cell] = selector->call;
 		selector->front[front_end++] = cell;
 	}
@@ -700,15 +468,15 @@ void select_layers(struct selector *selector, const struct camera_view *view,
 			}
 			selection_add(selector, cell, ret);
 		}
-		for (uint32_t i = selector->first_adjacent[cell];
-		     i < selector->first_adjacent[cell + 1]; i++) {
-			uint32_t neighbour = selector->adjacent[i];
+		for (uint32_t i = places->first_adjacent[cell];
+		     i < places->first_adjacent[cell + 1]; i++) {
+			uint32_t neighbour = places->adjacent[i];
 
 			if (selector->enqueued[neighbour] == selector->call)
 				continue;
 			/* In view or not, it is looked at once. */
 			selector->enqueued[neighbour] = selector->call;
-			if (cube_in_view(&planes, &selector->cubes[neighbour]))
+			if (cube_in_view(&planes, &places->cubes[neighbour]))
 				selector->front[front_end++] = neighbour;
 		}
 	}

@@ -39,6 +39,7 @@ struct tree {
 	double (*points)[3];   /* sorted by leaf */
 	uint32_t *first_point; /* a node, and one */
 	double poke;           /* how far tight boxes reach beyond the points */
+	bool is_short;         /* nodes with one child have no record */
 };
 
 static int point_compare(const void *a, const void *b)
@@ -90,14 +91,30 @@ static void tight_box(struct tree *tree, uint32_t index, uint32_t begin, uint32_
 	}
 }
 
-/* Takes the points and divides until a leaf has at most leaf_points, records breadth first. */
+/* Goes down while all points are in one octant. */
+static void node_sink(const struct tree *tree, struct store_node *node, uint32_t begin,
+		      uint32_t end)
+{
+	while (node->level < 12) {
+		unsigned octant = octant_of(node, tree->points[begin]);
+
+		for (uint32_t i = begin; i < end; i++)
+			if (octant_of(node, tree->points[i]) != octant)
+				return;
+		node->level++;
+		for (unsigned k = 0; k < 3; k++)
+			node->cell[k] = 2 * node->cell[k] + (octant >> k & 1);
+	}
+}
+
+/* Divides until a leaf has at most leaf_points; records breadth first.  Takes the points. */
 static void tree_make(struct tree *tree, double (*points)[3], uint32_t point_count,
-		      uint32_t leaf_points, double poke)
+		      uint32_t leaf_points, double poke, bool is_short)
 {
 	uint32_t *end = malloc((8 * (size_t)point_count + 8) * sizeof(*end));
 	uint32_t node_count = 1;
 
-	*tree = (struct tree){ .points = points, .poke = poke };
+	*tree = (struct tree){ .points = points, .poke = poke, .is_short = is_short };
 	tree->nodes = calloc(8 * (size_t)point_count + 8, sizeof(*tree->nodes));
 	tree->first_point = calloc(8 * (size_t)point_count + 9, sizeof(*tree->first_point));
 	assert_true(end && tree->nodes && tree->first_point);
@@ -130,6 +147,8 @@ static void tree_make(struct tree *tree, double (*points)[3], uint32_t point_cou
 			child->level = (uint8_t)(node->level + 1);
 			for (unsigned k = 0; k < 3; k++)
 				child->cell[k] = 2 * node->cell[k] + (octant >> k & 1);
+			if (tree->is_short && begin - from > leaf_points)
+				node_sink(tree, child, from, begin);
 			tree->first_point[node_count] = from;
 			end[node_count++] = begin;
 			node->child_count++;
@@ -154,7 +173,7 @@ static void tree_done(struct tree *tree)
 	free(tree->first_point);
 }
 
-/* Points on the walls, floors and ceilings of rooms, and in a few lumps. */
+/* Points on the walls and floors of rooms, and in a lump. */
 static void tree_random(struct tree *tree, uint64_t seed, uint32_t point_count,
 			uint32_t leaf_points, double poke)
 {
@@ -174,7 +193,7 @@ static void tree_random(struct tree *tree, uint64_t seed, uint32_t point_count,
 				points[i][k] = -20.0 + 10.0 * floor(5.0 * random_unit());
 		}
 	}
-	tree_make(tree, points, point_count, leaf_points, poke);
+	tree_make(tree, points, point_count, leaf_points, poke, false);
 }
 
 static struct camera_view random_view(const struct tree *tree, double reach)
@@ -618,6 +637,49 @@ static void select_layers_walks_face_by_face_through_empty_cells(void **state)
 	assert_true(compared > 500);
 }
 
+static void records_left_out_between_levels_change_nothing(void **state)
+{
+	(void)state;
+	for (uint64_t seed = 1; seed <= 8; seed++) {
+		struct selector *selectors[2];
+		struct tree trees[2];
+
+		for (int i = 0; i < 2; i++) {
+			double(*points)[3] = malloc(600 * sizeof(*points));
+
+			/* Lumps far apart: long chains. */
+			assert_non_null(points);
+			random_state = seed;
+			for (int p = 0; p < 600; p++)
+				for (int k = 0; k < 3; k++)
+					points[p][k] = -30.0 + 58.0 * (p % 5 * (k + 1) % 5) / 4.0 +
+						       random_unit();
+			tree_make(&trees[i], points, 600, 8, 0.25, i == 1);
+			assert_int_equal(selector_create(&trees[i].superblock, trees[i].nodes,
+							 &selectors[i]),
+					 0);
+		}
+		assert_true(trees[1].superblock.node_count < trees[0].superblock.node_count);
+		assert_int_equal(trees[1].superblock.leaf_count, trees[0].superblock.leaf_count);
+		for (int i = 0; i < 20; i++) {
+			struct camera_view view = random_view(&trees[0], 40.0);
+			struct selection selections[2];
+
+			for (int k = 0; k < 2; k++)
+				select_layers(selectors[k], &view, 300, &selections[k]);
+			assert_int_equal(selections[0].entry_count, selections[1].entry_count);
+			for (size_t k = 0; k < selections[0].entry_count; k++)
+				assert_int_equal(
+					trees[0].first_point[selections[0].entries[k].node],
+					trees[1].first_point[selections[1].entries[k].node]);
+		}
+		for (int i = 0; i < 2; i++) {
+			selector_destroy(selectors[i]);
+			tree_done(&trees[i]);
+		}
+	}
+}
+
 static struct camera_view view_of(const struct tree *tree, double eye_x, double eye_y, double eye_z,
 				  double at_x, double at_y, double at_z)
 {
@@ -682,7 +744,7 @@ static void triangles_that_reach_into_view_are_selected_though_their_cell_is_not
 	assert_non_null(points);
 	points[0][0] = points[0][1] = points[0][2] = -31.0;
 	points[1][0] = points[1][1] = points[1][2] = 31.0;
-	tree_make(&tree, points, 2, 1, 0.0);
+	tree_make(&tree, points, 2, 1, 0.0, false);
 	/* The second leaf lies behind the eye, but a triangle of it reaches far before it. */
 	for (int k = 0; k < 3; k++)
 		tree.nodes[2].box_min[k] = -30.0f;
@@ -800,6 +862,7 @@ int main(void)
 		cmocka_unit_test(select_layers_with_a_budget_is_the_beginning_of_the_whole),
 		cmocka_unit_test(selections_are_the_same_every_time),
 		cmocka_unit_test(select_layers_walks_face_by_face_through_empty_cells),
+		cmocka_unit_test(records_left_out_between_levels_change_nothing),
 		cmocka_unit_test(an_eye_in_a_wall_outside_or_turned_away_is_no_trouble),
 		cmocka_unit_test(
 			triangles_that_reach_into_view_are_selected_though_their_cell_is_not),
