@@ -246,6 +246,19 @@ int ooc_segment(const struct ooc_store *store, uint32_t segment, const void **re
 	return 0;
 }
 
+enum ooc_state ooc_node_state(const struct ooc_store *store, uint32_t node)
+{
+	/* The public values are the wire's. */
+	static_assert((int)OOC_STATE_DAMAGED == (int)WIRE_NODE_DAMAGED &&
+			      (int)OOC_STATE_READY == (int)WIRE_NODE_READY &&
+			      (int)OOC_STATE_BUSY == (int)WIRE_NODE_BUSY,
+		      "a state is passed on as it is");
+
+	if (!store->view || node >= store->node_count)
+		return OOC_STATE_ABSENT;
+	return (enum ooc_state)wire_word_state(view_word(store->view, node));
+}
+
 /* ---- views of lost sessions ---- */
 
 /* Notes where everything is that is wanted and drawable, before the session's page goes. */

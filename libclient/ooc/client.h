@@ -201,6 +201,17 @@ enum ooc_reason {
 /** No system call; what ooc_dispatch() has brought counts. */
 OOC_API enum ooc_reason ooc_not_now(const struct ooc_store *store, uint32_t node);
 
+/** Where a node's payload is, whoever wanted it.  For looking at the cache; ooc_map() is for drawing. */
+enum ooc_state {
+	OOC_STATE_ABSENT = 0, /* on the disk only */
+	OOC_STATE_BUSY = 1,   /* being read */
+	OOC_STATE_READY = 2,  /* in the cache */
+	OOC_STATE_DAMAGED = 3,
+};
+
+/** No system call.  While the daemon is away every node is absent. */
+OOC_API enum ooc_state ooc_node_state(const struct ooc_store *store, uint32_t node);
+
 /** How far the newest set is. */
 struct ooc_progress {
 	int64_t serial; /* of the newest set given to ooc_visible_set() */
