@@ -239,7 +239,13 @@ void set_flush(struct ooc_client *client)
 		return;
 	if (!set->unsaid && (set->said_with_events || !events_are_wanted(client)))
 		return;
-	if (set->given == 0 || set_is_unanswered(client))
+	if (set->given == 0)
+		return;
+	/*
+	 * One unanswered set at a time keeps a busy daemon from working through sets that are old by
+	 * then.  But nothing wakes a caller that sleeps when the answer comes: its set goes at once.
+	 */
+	if (!events_are_wanted(client) && set_is_unanswered(client))
 		return;
 	for (uint32_t i = 0; i < WIRE_STORE_COUNT_MAX; i++) {
 		/* After a loss the set waits until all stores are open again. */
