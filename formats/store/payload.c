@@ -394,9 +394,10 @@ static int judge_indices(const struct payload_view *view, struct why *why)
 			vertex++;
 		index_range(view, view->runs[run].first_triangle, triangle_end, &least, &largest);
 		if (least < vertex_first || largest >= vertex)
-			return why_set(why, -EUCLEAN,
-				       "payload: run %u has vertices %u to %u and indices %u to %u",
-				       run, vertex_first, vertex - 1, least, largest);
+			return why_set(
+				why, -EUCLEAN,
+				"payload: run %u has vertices from %u, below %u, and indices %u to %u",
+				run, vertex_first, vertex, least, largest);
 	}
 	if (vertex != header->vertex_count)
 		return why_set(why, -EUCLEAN,
@@ -496,21 +497,23 @@ uint32_t payload_index(const struct payload_view *view, uint32_t triangle, uint3
 	return ((const uint32_t *)view->indices)[at];
 }
 
+/* An origin of 0 is not added: -0 stays -0, and a float comes back with all its bits. */
+static double from_origin(double origin, double offset)
+{
+	return origin == 0 ? offset : origin + offset;
+}
+
 void payload_position(const struct payload_view *view, uint32_t vertex, double ret[3])
 {
 	const struct payload_header *header = view->header;
 
-	if (view->position_format == PAYLOAD_U16X3_RUN) {
-		const struct position_u16 *position = view->positions;
+	for (unsigned axis = 0; axis < 3; axis++) {
+		double coordinate =
+			view->position_format == PAYLOAD_U16X3_RUN
+				? ((const struct position_u16 *)view->positions)[vertex].xyz[axis]
+				: (double)((const struct position_f32 *)view->positions)[vertex]
+					  .xyz[axis];
 
-		for (unsigned axis = 0; axis < 3; axis++)
-			ret[axis] =
-				header->origin[axis] + header->scale * position[vertex].xyz[axis];
-	} else {
-		const struct position_f32 *position = view->positions;
-
-		for (unsigned axis = 0; axis < 3; axis++)
-			ret[axis] = header->origin[axis] +
-				    header->scale * (double)position[vertex].xyz[axis];
+		ret[axis] = from_origin(header->origin[axis], header->scale * coordinate);
 	}
 }

@@ -90,7 +90,7 @@ void payload_view(const void *payload, struct payload_view *ret);
 /** Corner 0..2 of a triangle: the vertex's index. */
 uint32_t payload_index(const struct payload_view *view, uint32_t triangle, uint32_t corner);
 
-/** Position of a vertex, model units from the store's origin, exact. */
+/** Position of a vertex, model units from the store's origin, exact; -0 stays -0. */
 void payload_position(const struct payload_view *view, uint32_t vertex, double ret[3]);
 
 /** The run that a vertex belongs to. */

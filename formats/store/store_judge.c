@@ -12,6 +12,9 @@
 
 /** Exponents of steps beyond it are no sizes of things. */
 #define STEP_EXPONENT_MAX 256
+/** Three 16-bit indices; one position of 16 bits with its run. */
+#define TRIANGLE_BYTES_MIN 6u
+#define VERTEX_BYTES_MIN   8u
 /** Spheres are sums of rounded floats: by so much of their size they may miss a sphere below. */
 #define SPHERE_SLACK 1e-5
 
@@ -184,7 +187,10 @@ static const char *fault_in_payload(const struct store_superblock *superblock,
 		return "unknown codec";
 	if (node->triangle_count == 0 || node->vertex_count == 0)
 		return "payload without triangles";
-	if (node->payload_bytes < sizeof(struct payload_header) ||
+	/* Counts that the payload has no room for would make readers allocate what nothing fills. */
+	if (node->payload_bytes < sizeof(struct payload_header) +
+					  (uint64_t)node->triangle_count * TRIANGLE_BYTES_MIN +
+					  (uint64_t)node->vertex_count * VERTEX_BYTES_MIN ||
 	    node->payload_bytes > superblock->payload_bytes_max)
 		return "payload's length cannot be";
 	if (node->codec == STORE_CODEC_NONE && node->stored_bytes != node->payload_bytes)

@@ -1,0 +1,63 @@
+/* SPDX-License-Identifier: MIT */
+#include <stdio.h>
+#include <string.h>
+
+#include "formats/base/bytes.h"
+#include "formats/base/log.h"
+#include "tools/ctl/ctl.h"
+
+static const struct {
+	const char *name;
+	int (*run)(int argc, char **argv);
+	const char *summary;
+} verbs[] = {
+	{ "info", ctl_info, "what a store holds, and what its bytes were spent on" },
+	{ "parts", ctl_parts, "the parts of a store" },
+	{ "verify", ctl_verify, "read every byte of a store and name what is damaged" },
+	{ "export", ctl_export, "write a store's triangles as PLY" },
+	{ "status", ctl_status, "how the daemon is, with its stores and clients" },
+	{ "stores", ctl_stores, "the stores that the daemon serves" },
+	{ "nodes", ctl_nodes, "which nodes of a store are in the daemon's cache" },
+};
+
+static int print_help(void)
+{
+	puts("Usage: oocctl VERB [OPTION]... [STORE]\n"
+	     "Inspects stores, and the daemon that serves them.\n");
+	for (size_t i = 0; i < ARRAY_LENGTH(verbs); i++)
+		printf("  %-8s %s\n", verbs[i].name, verbs[i].summary);
+	puts("\n`oocctl VERB --help` says more.\n"
+	     "\n"
+	     "Examples:\n"
+	     "  oocctl info plant.ooc\n"
+	     "  oocctl verify plant.ooc && echo whole\n"
+	     "  oocctl export plant.ooc --part 'pump*' -o pumps.ply\n"
+	     "  oocctl status --json");
+	return CTL_OK;
+}
+
+int ctl_usage(const char *verb, const char *what)
+{
+	log_error("%s: %s: `oocctl %s --help` shows how", verb, what, verb);
+	return CTL_USAGE;
+}
+
+int main(int argc, char **argv)
+{
+	log_init("oocctl", LOG_LEVEL_INFO);
+	if (argc < 2) {
+		log_error("no verb: `oocctl --help` lists them");
+		return CTL_USAGE;
+	}
+	if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0)
+		return print_help();
+	if (strcmp(argv[1], "--version") == 0) {
+		puts("oocctl " OOCD_VERSION);
+		return CTL_OK;
+	}
+	for (size_t i = 0; i < ARRAY_LENGTH(verbs); i++)
+		if (strcmp(argv[1], verbs[i].name) == 0)
+			return verbs[i].run(argc - 1, argv + 1);
+	log_error("%s: no such verb: `oocctl --help` lists them", argv[1]);
+	return CTL_USAGE;
+}
