@@ -1,0 +1,103 @@
+/* SPDX-License-Identifier: MIT */
+/**
+ * frame.h - one picture of a scene: which nodes, ask for them, draw what is there.
+ *
+ * A live frame waits for nothing: nodes that are not drawable are missing in it.  A settled frame
+ * waits until each of its nodes has come, and draws sets larger than the daemon's cache in portions
+ * into the same target: hold, draw, finish, let go, next.  It draws the nodes in the order of the
+ * list whatever the portions are, so that equal depths fall out the same.
+ *
+ * Rules:
+ *   1. The daemon may overwrite what the newest set does not hold, and segments may go, with the next
+ *      set, dispatch or wait.  So OpenGL finishes all draws before any of these (frame_finish()).
+ *   2. A daemon that was lost and came back may have overwritten what was held: what was drawn in
+ *      place is looked at once more after the draws (ooc_still_valid()), and drawn again if need be.
+ *
+ * Threads: the GL thread, which is also the client's.
+ */
+#ifndef VIEWER_FRAME_H
+#define VIEWER_FRAME_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "formats/base/why.h"
+#include "viewer/renderer.h"
+#include "viewer/residency.h"
+#include "viewer/scene.h"
+#include "viewer/target.h"
+
+struct frame;
+
+/** How a picture is to be. */
+struct frame_style {
+	enum scene_mode mode;
+	uint64_t budget_triangles; /* SCENE_MODE_APPROXIMATE */
+	enum channel channel;
+	bool unlit;
+	uint8_t background[3];
+};
+
+/** What a frame was. */
+struct frame_report {
+	double ms; /* from the choice of nodes until they are drawn; a live one's until handed over */
+	uint64_t nodes_wanted;
+	uint64_t nodes_drawn;
+	uint64_t nodes_missing;
+	uint64_t triangles;     /* drawn */
+	uint64_t bytes_fetched; /* payload bytes that the daemon read for this viewer since the */
+	uint64_t bytes_prefetched; /* report before */
+	uint32_t portions;
+	bool is_unfinished; /* nodes are drawable that a live frame had no time to copy */
+};
+
+/**
+ * Prepares to draw a scene that outlives it.
+ *
+ * gpu_cache_bytes:  as residency_create() takes it.
+ *
+ * Returns: 0, -EUCLEAN or -ENOMEM.
+ */
+int frame_create(struct scene *scene, uint64_t gpu_cache_bytes, struct frame **ret,
+		 struct why *why);
+struct frame *frame_destroy(struct frame *frame);
+
+bool frame_is_in_place(const struct frame *frame);
+
+/**
+ * Draws what is there.
+ *
+ * aspect:  of the picture: width / height.
+ *
+ * Returns: 0, -EINVAL (the camera looks nowhere) or -ENOMEM.  A daemon that is away is no error:
+ *	the nodes that it held are drawn, the others are missing.
+ */
+int frame_draw_live(struct frame *frame, const struct camera *camera, double aspect,
+		    const struct frame_style *style, const struct target *target,
+		    struct frame_report *ret, struct why *why);
+
+/**
+ * Draws all of it, however long it takes; then it is drawn, not only handed over.
+ *
+ * tile:  the part of the picture that the target is.
+ *
+ * Returns: 0; nodes that are damaged are missing then.  Else as above, -ETIMEDOUT or -ENOBUFS when
+ *	a node does not come for half a minute, -ENOTCONN when the daemon stays away, or -ECANCELED
+ *	when the program is to stop.
+ */
+int frame_draw_settled(struct frame *frame, const struct camera *camera, double aspect,
+		       const struct frame_style *style, const struct render_tile *tile,
+		       const struct target *target, struct frame_report *ret, struct why *why);
+
+/**
+ * Waits until all draws are done.
+ *
+ * Returns: false when something was overwritten while it was drawn: the picture must be drawn again.
+ */
+bool frame_finish(struct frame *frame);
+
+/** The item at a pixel of a live picture, drawn with the nodes of the last frame. */
+uint64_t frame_pick(struct frame *frame, const struct target *shown, enum channel channel, int x,
+		    int y);
+
+#endif /* VIEWER_FRAME_H */

@@ -1,0 +1,356 @@
+/* SPDX-License-Identifier: MIT */
+#include "viewer/options.h"
+
+#include <errno.h>
+#include <getopt.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "formats/base/log.h"
+#include "formats/base/text.h"
+#include "viewer/image.h"
+
+#define BUDGET_DEFAULT 1000000u
+#define REPEAT_MAX     1000000u
+
+static const char help[] =
+	"Usage: oocview [OPTION]... STORE.ooc|MODEL...\n"
+	"Draws models of any size out of the cache that the oocd daemon keeps in memory.\n"
+	"A MODEL (PLY, OBJ, STL, VRML, ..., a folder or a scene list) is built into a store in your\n"
+	"cache folder first, and that store is used again while the model is unchanged.\n"
+	"\n"
+	"What is drawn:\n"
+	"      --mode full|approximate  all that is in view, or what most likely shows (full)\n"
+	"      --budget N            triangles a frame with --mode approximate (1000000)\n"
+	"      --camera ROW|FILE     t,eye_x,eye_y,eye_z,at_x,at_y,at_z,up_x,up_y,up_z,fov_y,\n"
+	"                            or a path file, whose first row counts (the whole model)\n"
+	"      --path FILE           a frame for each row of a path file\n"
+	"      --repeat N            the path so many times (1)\n"
+	"\n"
+	"How it is drawn:\n"
+	"      --headless            no window; pictures are always settled unless there is a path\n"
+	"      --size WxH            of the picture or window, up to 65536x65536 (1280x720)\n"
+	"      --background RRGGBB   (e9ebee)\n"
+	"      --unlit               colours as they are\n"
+	"      --channel NAME        colour, part, node, triangle, depth or normal (colour)\n"
+	"      --settle              wait for all nodes before a picture is taken\n"
+	"      --gpu-cache SIZE      copy nodes to the GPU, at most SIZE; without it they are drawn\n"
+	"                            where the daemon keeps them, if the driver can (else 256M)\n"
+	"\n"
+	"What is written:\n"
+	"      --screenshot FILE     the last picture: .png, or .raw with the channel's own values\n"
+	"      --frames FOLDER       a PNG for each row of the path: frame_000000.png, ...\n"
+	"      --record FILE         the camera of each frame, as a path file\n"
+	"      --stats FILE          CSV, a row a frame\n"
+	"      --json                a summary on standard output\n"
+	"\n"
+	"      --socket PATH         of the daemon; one is started where none runs\n"
+	"  -h, --help                this text\n"
+	"  -V, --version             version\n"
+	"\n"
+	"In a window H lists the keys.\n"
+	"\n"
+	"Examples:\n"
+	"  oocview plant.ooc\n"
+	"  oocview engine.ply\n"
+	"  oocview --headless --size 1920x1080 --screenshot plant.png plant.ooc\n"
+	"  oocview --headless --settle --path walk.csv --frames film --stats walk-stats.csv plant.ooc\n";
+
+enum option_key {
+	OPTION_MODE = 256,
+	OPTION_BUDGET,
+	OPTION_CAMERA,
+	OPTION_PATH,
+	OPTION_REPEAT,
+	OPTION_HEADLESS,
+	OPTION_SIZE,
+	OPTION_BACKGROUND,
+	OPTION_UNLIT,
+	OPTION_CHANNEL,
+	OPTION_SETTLE,
+	OPTION_GPU_CACHE,
+	OPTION_SCREENSHOT,
+	OPTION_FRAMES,
+	OPTION_RECORD,
+	OPTION_STATS,
+	OPTION_JSON,
+	OPTION_SOCKET,
+};
+
+static const struct option long_options[] = {
+	{ "mode", required_argument, NULL, OPTION_MODE },
+	{ "budget", required_argument, NULL, OPTION_BUDGET },
+	{ "camera", required_argument, NULL, OPTION_CAMERA },
+	{ "path", required_argument, NULL, OPTION_PATH },
+	{ "repeat", required_argument, NULL, OPTION_REPEAT },
+	{ "headless", no_argument, NULL, OPTION_HEADLESS },
+	{ "size", required_argument, NULL, OPTION_SIZE },
+	{ "background", required_argument, NULL, OPTION_BACKGROUND },
+	{ "unlit", no_argument, NULL, OPTION_UNLIT },
+	{ "channel", required_argument, NULL, OPTION_CHANNEL },
+	{ "settle", no_argument, NULL, OPTION_SETTLE },
+	{ "gpu-cache", required_argument, NULL, OPTION_GPU_CACHE },
+	{ "screenshot", required_argument, NULL, OPTION_SCREENSHOT },
+	{ "frames", required_argument, NULL, OPTION_FRAMES },
+	{ "record", required_argument, NULL, OPTION_RECORD },
+	{ "stats", required_argument, NULL, OPTION_STATS },
+	{ "json", no_argument, NULL, OPTION_JSON },
+	{ "socket", required_argument, NULL, OPTION_SOCKET },
+	{ "help", no_argument, NULL, 'h' },
+	{ "version", no_argument, NULL, 'V' },
+	{ NULL, 0, NULL, 0 },
+};
+
+/* What the options said that needs a file to be read. */
+struct named_files {
+	const char *camera;
+	const char *path;
+};
+
+static int to_size(const char *text, struct picture_size *ret)
+{
+	const char *times = strchr(text, 'x');
+	uint64_t width;
+	uint64_t height;
+	char head[16];
+
+	if (!times || (size_t)(times - text) >= sizeof(head))
+		return -EINVAL;
+	(void)snprintf(head, sizeof(head), "%.*s", (int)(times - text), text);
+	if (text_to_u64(head, &width) < 0 || text_to_u64(times + 1, &height) < 0)
+		return -EINVAL;
+	if (width == 0 || height == 0 || width > PICTURE_SIDE_MAX || height > PICTURE_SIDE_MAX)
+		return -ERANGE;
+	*ret = (struct picture_size){ .width = (uint32_t)width, .height = (uint32_t)height };
+	return 0;
+}
+
+static int to_colour(const char *text, uint8_t ret[3])
+{
+	unsigned long value;
+
+	if (strlen(text) != 6 || strspn(text, "0123456789abcdefABCDEF") != 6)
+		return -EINVAL;
+	value = strtoul(text, NULL, 16);
+	ret[0] = (uint8_t)(value >> 16);
+	ret[1] = (uint8_t)(value >> 8);
+	ret[2] = (uint8_t)value;
+	return 0;
+}
+
+static int to_mode(const char *text, enum scene_mode *ret)
+{
+	if (strcmp(text, "full") == 0)
+		*ret = SCENE_MODE_FULL;
+	else if (strcmp(text, "approximate") == 0)
+		*ret = SCENE_MODE_APPROXIMATE;
+	else
+		return -EINVAL;
+	return 0;
+}
+
+static int take_style(struct options *options, int key, const char *value)
+{
+	int r;
+
+	switch (key) {
+	case OPTION_MODE:
+		return to_mode(value, &options->style.mode);
+	case OPTION_BUDGET:
+		return text_to_u64(value, &options->style.budget_triangles);
+	case OPTION_BACKGROUND:
+		return to_colour(value, options->style.background);
+	case OPTION_UNLIT:
+		options->style.unlit = true;
+		return 0;
+	case OPTION_CHANNEL:
+		r = channel_from_name(value);
+		if (r >= 0)
+			options->style.channel = (enum channel)r;
+		return r < 0 ? r : 0;
+	default:
+		return -ENOENT;
+	}
+}
+
+static int take_output(struct options *options, int key, const char *value)
+{
+	switch (key) {
+	case OPTION_SCREENSHOT:
+		options->screenshot_path = value;
+		return image_check_name(value, NULL);
+	case OPTION_FRAMES:
+		options->frames_folder = value;
+		return 0;
+	case OPTION_RECORD:
+		options->record_path = value;
+		return 0;
+	case OPTION_STATS:
+		options->stats_path = value;
+		return 0;
+	case OPTION_JSON:
+		options->wants_json = true;
+		return 0;
+	default:
+		return -ENOENT;
+	}
+}
+
+/* Returns: 0, or negative when the value is none of the option's. */
+static int take(struct options *options, struct named_files *files, int key, const char *value)
+{
+	uint64_t count;
+	int r;
+
+	switch (key) {
+	case OPTION_CAMERA:
+		files->camera = value;
+		return 0;
+	case OPTION_PATH:
+		files->path = value;
+		return 0;
+	case OPTION_REPEAT:
+		r = text_to_u64(value, &count);
+		if (r < 0 || count == 0 || count > REPEAT_MAX)
+			return -EINVAL;
+		options->repeat_count = (uint32_t)count;
+		return 0;
+	case OPTION_HEADLESS:
+		options->is_headless = true;
+		return 0;
+	case OPTION_SETTLE:
+		options->is_settled = true;
+		return 0;
+	case OPTION_SIZE:
+		options->has_size = true;
+		return to_size(value, &options->size);
+	case OPTION_GPU_CACHE:
+		r = text_to_size(value, &options->gpu_cache_bytes);
+		return r == 0 && options->gpu_cache_bytes == 0 ? -EINVAL : r;
+	case OPTION_SOCKET:
+		options->socket_path = value;
+		return 0;
+	default:
+		r = take_style(options, key, value);
+		return r == -ENOENT ? take_output(options, key, value) : r;
+	}
+}
+
+static int wrong(const char *format, const char *value)
+{
+	log_error(format, value);
+	return -EINVAL;
+}
+
+/* Do the options go together? */
+static int judge(const struct options *options, const struct named_files *files)
+{
+	if (options->input_count == 0)
+		return wrong("%s: name a store or a model; --help says more", "nothing to draw");
+	if (files->camera && files->path)
+		return wrong("%s do not go together", "--camera and --path");
+	if (options->frames_folder && !files->path)
+		return wrong("%s needs --path", "--frames");
+	if (options->is_headless && !options->screenshot_path && !files->path)
+		return wrong("%s needs --screenshot or --path: there is nothing to show it in",
+			     "--headless");
+	if (options->style.channel != CHANNEL_COLOUR && !options->is_headless)
+		return wrong("%s other than colour needs --headless", "--channel");
+	return 0;
+}
+
+/* One row, or the rows of a file. */
+static int read_cameras(struct options *options, const struct named_files *files)
+{
+	struct why why = { "" };
+	int r;
+
+	if (!files->camera && !files->path)
+		return 0;
+	options->has_path = files->path != NULL;
+	if (files->camera && strchr(files->camera, ',')) {
+		options->path = malloc(sizeof(*options->path));
+		if (!options->path) {
+			r = why_errno(&why, -ENOMEM, "--camera");
+		} else {
+			options->path_count = 1;
+			r = camera_from_row(options->path, files->camera, &why);
+			why_prefix(&why, "--camera");
+		}
+	} else {
+		r = camera_path_read(files->path ? files->path : files->camera, &options->path,
+				     &options->path_count, &why);
+		if (r == 0 && options->path_count == 0)
+			r = why_set(&why, -EUCLEAN, "%s: the path has no row",
+				    files->path ? files->path : files->camera);
+	}
+	if (r < 0)
+		log_error("%s", why.text);
+	return r;
+}
+
+static const char *name_of(int key)
+{
+	for (const struct option *option = long_options; option->name; option++) {
+		if (option->val == key)
+			return option->name;
+	}
+	return "?";
+}
+
+enum options_verdict options_read(struct options *ret, int argc, char **argv)
+{
+	struct options options = {
+		.size = { 1280, 720 },
+		.style = { .budget_triangles = BUDGET_DEFAULT, .background = { 0xe9, 0xeb, 0xee } },
+		.repeat_count = 1,
+	};
+	struct named_files files = { NULL, NULL };
+	int key;
+
+	while ((key = getopt_long(argc, argv, "hV", long_options, NULL)) != -1) {
+		switch (key) {
+		case 'h':
+			(void)fputs(help, stdout);
+			return OPTIONS_DONE;
+		case 'V':
+			(void)puts("oocview " OOCD_VERSION);
+			return OPTIONS_DONE;
+		case '?':
+			/* getopt_long() has said what. */
+			return OPTIONS_WRONG;
+		default:
+			if (take(&options, &files, key, optarg) < 0) {
+				log_error("--%s: \"%s\" will not do; --help says what will",
+					  name_of(key), optarg ? optarg : "");
+				return OPTIONS_WRONG;
+			}
+		}
+	}
+	options.inputs = argv + optind;
+	options.input_count = (uint32_t)(argc - optind);
+	if (judge(&options, &files) < 0)
+		return OPTIONS_WRONG;
+	if (read_cameras(&options, &files) < 0) {
+		options_done(&options);
+		return OPTIONS_FAILED;
+	}
+	/* A single picture of nothing yet would be of no use. */
+	if (options.is_headless && !options.has_path)
+		options.is_settled = true;
+	*ret = options;
+	return OPTIONS_RUN;
+}
+
+void options_done(struct options *options)
+{
+	free(options->path);
+	options->path = NULL;
+}
+
+bool options_is_bounded(const struct options *options)
+{
+	return options->is_headless || options->screenshot_path || options->frames_folder ||
+	       (options->has_path && (options->stats_path || options->wants_json));
+}
