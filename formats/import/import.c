@@ -105,6 +105,8 @@ int import_file(const char *path, const struct import_options *options,
 		.options = options,
 		.sink = sink,
 		.info = &info,
+		.scratch = { .directory = options->scratch_directory,
+			     .cancelled = options->cancelled },
 		.memory_bytes = options->memory_bytes > 2 * FIXED_BYTES
 					? options->memory_bytes - FIXED_BYTES
 					: options->memory_bytes / 2,
@@ -115,6 +117,7 @@ int import_file(const char *path, const struct import_options *options,
 		why_prefix(why, "%s", path);
 		return r;
 	}
+	info.scratch_bytes_max = job.scratch.max_bytes;
 	*ret = info;
 	return 0;
 }

@@ -11,6 +11,7 @@
 #include "formats/import/batcher.h"
 #include "formats/import/import.h"
 #include "formats/import/source.h"
+#include "formats/import/spill.h"
 
 struct import_job {
 	const char *path;
@@ -18,6 +19,7 @@ struct import_job {
 	const struct import_sink *sink;
 	struct import_info *info;
 	struct source *source;
+	struct scratch scratch;
 	uint64_t memory_bytes; /* for what the importer keeps: window and batch are paid for */
 };
 

@@ -7,7 +7,8 @@
 #include "formats/base/bytes.h"
 #include "formats/base/check.h"
 
-#define NORMAL_BYTES 12u
+#define NORMAL_BYTES    12u
+#define RUN_CHUNK_BYTES 65536u
 
 int mesh_create(struct import_job *job, const struct mesh_layout *layout, struct mesh **ret,
 		struct why *why)
@@ -24,7 +25,9 @@ int mesh_create(struct import_job *job, const struct mesh_layout *layout, struct
 	record_bytes += layout->normals ? NORMAL_BYTES : 0;
 	mesh->colour_offset = record_bytes;
 	record_bytes += layout->colours ? sizeof(uint32_t) : 0;
+	mesh->vertices.what = "vertex";
 	mesh->vertices.record_bytes = record_bytes;
+	mesh->normals.what = "normal";
 	mesh->normals.record_bytes = NORMAL_BYTES;
 	mesh->triangles_plain = record_bytes == 12;
 	r = batcher_init(&mesh->batcher, layout->positions_double, job->options, job->sink,
@@ -45,6 +48,10 @@ struct mesh *mesh_destroy(struct mesh *mesh)
 	polygon_done(&mesh->polygon);
 	free(mesh->vertices.records);
 	free(mesh->normals.records);
+	join_destroy(mesh->vertices.join);
+	join_destroy(mesh->normals.join);
+	spill_destroy(mesh->faces);
+	free(mesh->joined);
 	free(mesh->part_colours);
 	free(mesh->corners);
 	free(mesh->corner_normals);
@@ -77,16 +84,44 @@ static int table_reserve(struct mesh *mesh, struct mesh_table *table, uint64_t c
 	return 0;
 }
 
-static int mesh_too_big(const struct mesh *mesh, struct why *why)
+/* Moves a table to a join. */
+static int table_defer(struct mesh *mesh, struct mesh_table *table, uint64_t memory_bytes,
+		       struct why *why)
 {
-	return why_set(why, -ENOMEM, "its vertices do not fit in %llu MiB",
-		       (unsigned long long)(mesh->job->options->memory_bytes / MIB));
+	int r = join_create(&mesh->job->scratch, table->record_bytes, memory_bytes, &table->join,
+			    why);
+
+	if (r == 0)
+		r = join_add(table->join, table->records, table->count, why);
+	free(table->records);
+	table->records = NULL;
+	table->capacity = 0;
+	return r;
+}
+
+int mesh_defer(struct mesh *mesh, struct why *why)
+{
+	uint64_t memory_bytes = mesh->job->memory_bytes;
+	uint64_t normal_bytes = mesh->layout.normal_table ? memory_bytes / 3 : 0;
+	int r;
+
+	CHECK(!mesh->deferred);
+	if (!mesh->job->options->scratch_directory)
+		return why_set(why, -ENOMEM, "its vertices do not fit in %llu MiB",
+			       (unsigned long long)(mesh->job->options->memory_bytes / MIB));
+	mesh->deferred = true;
+	r = spill_create(&mesh->job->scratch, 1, RUN_CHUNK_BYTES, &mesh->faces, why);
+	if (r == 0)
+		r = table_defer(mesh, &mesh->vertices, memory_bytes - normal_bytes, why);
+	if (r == 0 && mesh->layout.normal_table)
+		r = table_defer(mesh, &mesh->normals, normal_bytes, why);
+	return r;
 }
 
 int mesh_expect_vertices(struct mesh *mesh, uint64_t count, struct why *why)
 {
-	if (count > 0 && table_reserve(mesh, &mesh->vertices, count) < 0)
-		return mesh_too_big(mesh, why);
+	if (!mesh->deferred && count > 0 && table_reserve(mesh, &mesh->vertices, count) < 0)
+		return mesh_defer(mesh, why);
 	return 0;
 }
 
@@ -112,21 +147,33 @@ int mesh_part(struct mesh *mesh, const struct import_part *part, uint32_t *ret_n
 	return 0;
 }
 
+/* Makes room for count more records, or defers the mesh. */
+static int table_make_room(struct mesh *mesh, struct mesh_table *table, uint64_t count,
+			   struct why *why)
+{
+	uint64_t wanted = table->count + count;
+	uint64_t grown = u64_max(wanted, table->capacity + table->capacity / 2);
+
+	if (wanted <= table->capacity || table_reserve(mesh, table, u64_max(grown, 4096)) == 0 ||
+	    table_reserve(mesh, table, wanted) == 0)
+		return 0;
+	return mesh_defer(mesh, why);
+}
+
 static int table_add(struct mesh *mesh, struct mesh_table *table, const void *records,
 		     uint64_t count, struct why *why)
 {
-	if (count > table->capacity - table->count) {
-		uint64_t wanted = table->count + count;
-		uint64_t grown = u64_max(wanted, table->capacity + table->capacity / 2);
+	int r = mesh->deferred ? 0 : table_make_room(mesh, table, count, why);
 
-		if (table_reserve(mesh, table, u64_max(grown, 4096)) < 0 &&
-		    table_reserve(mesh, table, wanted) < 0)
-			return mesh_too_big(mesh, why);
-	}
-	memcpy(table->records + table->count * table->record_bytes, records,
-	       count * table->record_bytes);
+	if (r < 0)
+		return r;
+	if (mesh->deferred)
+		r = join_add(table->join, records, count, why);
+	else
+		memcpy(table->records + table->count * table->record_bytes, records,
+		       count * table->record_bytes);
 	table->count += count;
-	return 0;
+	return r;
 }
 
 int mesh_add_vertices(struct mesh *mesh, const void *records, uint64_t count, struct why *why)
@@ -152,7 +199,7 @@ static void mesh_put_corner(struct mesh *mesh, const struct batch_kind *kind, ui
 		memcpy(batcher->positions32 + 3 * to, record, 3 * sizeof(float));
 	if (kind->normals) {
 		const void *normal = mesh->layout.normals
-					     ? (const void *)(record + mesh->normal_offset)
+					     ? record + mesh->normal_offset
 					     : (const void *)mesh->corner_normals[corner];
 
 		memcpy(batcher->normals + 3 * to, normal, NORMAL_BYTES);
@@ -207,33 +254,137 @@ static int mesh_emit(struct mesh *mesh, uint32_t part, uint32_t corner_count, bo
 /* Room for a face's corners, and for cutting it. */
 static int mesh_reserve_corners(struct mesh *mesh, uint32_t corner_count, struct why *why)
 {
-	uint32_t corner_max = mesh->polygon.corner_max;
-	const uint8_t **corners;
-	const float **normals;
+	size_t joined_bytes = mesh->vertices.record_bytes + mesh->normals.record_bytes;
+	size_t corner_max;
 
 	if (corner_count > POLYGON_CORNERS_MAX)
 		return why_set(why, -EUCLEAN, "a face of %u corners; at most %u are read",
 			       corner_count, POLYGON_CORNERS_MAX);
-	if (corner_count <= corner_max)
+	if (corner_count <= mesh->polygon.corner_max)
 		return 0;
 	if (polygon_reserve(&mesh->polygon, corner_count) < 0)
-		return why_set(why, -ENOMEM, "no memory for a face of %u corners", corner_count);
+		goto err_memory;
 	corner_max = mesh->polygon.corner_max;
-	corners = realloc(mesh->corners, corner_max * sizeof(*corners));
-	if (corners)
-		mesh->corners = corners;
-	normals = realloc(mesh->corner_normals, corner_max * sizeof(*normals));
-	if (normals)
-		mesh->corner_normals = normals;
-	if (!corners || !normals)
-		return why_set(why, -ENOMEM, "no memory for a face of %u corners", corner_count);
-	return 0;
+	free(mesh->corners);
+	free(mesh->corner_normals);
+	free(mesh->joined);
+	mesh->corners = malloc(corner_max * sizeof(*mesh->corners));
+	mesh->corner_normals = malloc(corner_max * sizeof(*mesh->corner_normals));
+	mesh->joined = malloc(corner_max * joined_bytes);
+	if (mesh->corners && mesh->corner_normals && mesh->joined)
+		return 0;
+	/* Nothing may think that there is room. */
+	polygon_done(&mesh->polygon);
+err_memory:
+	return why_set(why, -ENOMEM, "no memory for a face of %u corners", corner_count);
 }
 
-/* The record that a face points at, or NULL. */
-static const uint8_t *table_find(const struct mesh_table *table, uint64_t number)
+/* ---- faces of a deferred mesh ---- */
+
+/* Faces that are alike but for their corners, one after the other. */
+struct face_run {
+	uint64_t length;
+	uint32_t part;
+	uint32_t corner_count;
+	uint64_t normals; /* 1: they have them */
+};
+
+static int write_run(struct mesh *mesh, struct why *why)
 {
-	return number < table->count ? table->records + number * table->record_bytes : NULL;
+	struct face_run run = {
+		.length = mesh->run_length,
+		.part = mesh->run_part,
+		.corner_count = mesh->run_corner_count,
+		.normals = mesh->run_normals,
+	};
+
+	mesh->run_length = 0;
+	return run.length > 0 ? spill_write(mesh->faces, 0, &run, sizeof(run), why) : 0;
+}
+
+static int note_face(struct mesh *mesh, const struct mesh_face *face, struct why *why)
+{
+	int r = 0;
+
+	if (mesh->run_part != face->part || mesh->run_corner_count != face->corner_count ||
+	    mesh->run_normals != (face->normals != NULL))
+		r = write_run(mesh, why);
+	mesh->run_part = face->part;
+	mesh->run_corner_count = face->corner_count;
+	mesh->run_normals = face->normals != NULL;
+	mesh->run_length++;
+	for (uint32_t i = 0; i < face->corner_count && r == 0; i++) {
+		r = join_refer(mesh->vertices.join, face->vertices[i], why);
+		if (r == 0 && face->normals)
+			r = join_refer(mesh->normals.join, face->normals[i], why);
+	}
+	return r;
+}
+
+/* Hands on the next face, whose corners come from the joins. */
+static int emit_noted(struct mesh *mesh, const struct face_run *run, struct why *why)
+{
+	uint32_t vertex_bytes = mesh->vertices.record_bytes;
+	uint8_t *normals = mesh->joined + (size_t)mesh->polygon.corner_max * vertex_bytes;
+
+	for (uint32_t i = 0; i < run->corner_count; i++) {
+		uint8_t *vertex = mesh->joined + (size_t)i * vertex_bytes;
+		uint8_t *normal = normals + (size_t)i * NORMAL_BYTES;
+		int r = join_next(mesh->vertices.join, vertex, why);
+
+		if (r == 0 && run->normals)
+			r = join_next(mesh->normals.join, normal, why);
+		if (r < 0)
+			return r;
+		mesh->corners[i] = vertex;
+		mesh->corner_normals[i] = normal;
+	}
+	return mesh_emit(mesh, run->part, run->corner_count, run->normals, why);
+}
+
+static int table_resolve(struct mesh_table *table, struct why *why)
+{
+	int r = table->join ? join_resolve(table->join, why) : 0;
+
+	if (r == -EUCLEAN)
+		return why_set(why, r, "a face points at %s %llu of %llu", table->what,
+			       (unsigned long long)table->join->index_max,
+			       (unsigned long long)table->count);
+	return r;
+}
+
+static int emit_all_noted(struct mesh *mesh, struct why *why)
+{
+	struct face_run run;
+	int r = write_run(mesh, why);
+
+	if (r == 0)
+		r = table_resolve(&mesh->vertices, why);
+	if (r == 0)
+		r = table_resolve(&mesh->normals, why);
+	if (r < 0)
+		return r;
+	while ((r = spill_read(mesh->faces, 0, &run, sizeof(run), why)) > 0) {
+		for (uint64_t i = 0; i < run.length; i++) {
+			r = emit_noted(mesh, &run, why);
+			if (r < 0)
+				return r;
+		}
+	}
+	return r;
+}
+
+/* ---- faces ---- */
+
+/* The record that a face points at. */
+static int table_find(const struct mesh_table *table, uint64_t number, const uint8_t **ret,
+		      struct why *why)
+{
+	if (number >= table->count)
+		return why_set(why, -EUCLEAN, "a face points at %s %lld of %llu", table->what,
+			       (long long)number, (unsigned long long)table->count);
+	*ret = table->records + number * table->record_bytes;
+	return 0;
 }
 
 int mesh_add_face(struct mesh *mesh, const struct mesh_face *face, struct why *why)
@@ -248,25 +399,21 @@ int mesh_add_face(struct mesh *mesh, const struct mesh_face *face, struct why *w
 	r = mesh_reserve_corners(mesh, face->corner_count, why);
 	if (r < 0)
 		return r;
-	for (uint32_t i = 0; i < face->corner_count; i++) {
-		mesh->corners[i] = table_find(&mesh->vertices, face->vertices[i]);
-		if (!mesh->corners[i])
-			return why_set(why, -EUCLEAN, "a face points at vertex %lld of %llu",
-				       (long long)face->vertices[i],
-				       (unsigned long long)mesh->vertices.count);
-		if (!face->normals)
-			continue;
-		mesh->corner_normals[i] =
-			(const float *)(const void *)table_find(&mesh->normals, face->normals[i]);
-		if (!mesh->corner_normals[i])
-			return why_set(why, -EUCLEAN, "a face points at normal %lld of %llu",
-				       (long long)face->normals[i],
-				       (unsigned long long)mesh->normals.count);
+	if (mesh->deferred)
+		return note_face(mesh, face, why);
+	for (uint32_t i = 0; i < face->corner_count && r == 0; i++) {
+		r = table_find(&mesh->vertices, face->vertices[i], &mesh->corners[i], why);
+		if (r == 0 && face->normals)
+			r = table_find(&mesh->normals, face->normals[i], &mesh->corner_normals[i],
+				       why);
 	}
-	return mesh_emit(mesh, face->part, face->corner_count, face->normals != NULL, why);
+	return r < 0 ? r
+		     : mesh_emit(mesh, face->part, face->corner_count, face->normals != NULL, why);
 }
 
 int mesh_finish(struct mesh *mesh, struct why *why)
 {
-	return batcher_flush(&mesh->batcher, why);
+	int r = mesh->deferred ? emit_all_noted(mesh, why) : 0;
+
+	return r < 0 ? r : batcher_flush(&mesh->batcher, why);
 }

@@ -2,8 +2,10 @@
 /**
  * mesh.h - faces that point at vertices, made into triangles that have their corners with them.
  *
- * Vertices are records of one layout, kept in memory while they fit; normals may have a table of
- * their own (OBJ) or be in the vertex record (PLY).
+ * Vertices are records of one layout; normals may have a table of their own (OBJ) or be in the
+ * vertex record (PLY).  While they fit in memory, a face is handed on when it is added.  When they
+ * no longer fit, the mesh is deferred: vertices and the faces' corners go to disk, and the faces
+ * that were not handed on yet follow at the end, the same and in the same order, through join.h.
  *
  * Threads: one a mesh.
  */
@@ -13,6 +15,7 @@
 #include <string.h>
 
 #include "formats/import/job.h"
+#include "formats/import/join.h"
 #include "formats/import/polygon.h"
 
 #define MESH_NONE UINT64_MAX
@@ -27,9 +30,11 @@ struct mesh_layout {
 
 /** Records of one size that faces point at by number. */
 struct mesh_table {
-	uint8_t *records;
+	const char *what;  /* "vertex" */
+	uint8_t *records;  /* NULL when deferred */
+	struct join *join; /* NULL when not */
 	uint64_t count;
-	uint64_t capacity;
+	uint64_t capacity; /* of records */
 	uint32_t record_bytes;
 };
 
@@ -44,11 +49,17 @@ struct mesh {
 	bool triangles_plain; /* records are 3 floats: nothing to do but to copy them */
 	bool colours_present; /* a vertex has one; the user's to set */
 	bool deferred;        /* the tables are on disk: faces are only noted down */
+	struct spill *faces;  /* of a deferred mesh: runs of faces that are alike */
+	uint64_t run_length;
+	uint32_t run_part;
+	uint32_t run_corner_count;
+	bool run_normals;
 	uint32_t *part_colours;
 	uint32_t part_capacity;
 	struct polygon polygon;
 	const uint8_t **corners; /* of the polygon at hand: its vertices' records */
-	const float **corner_normals;
+	const uint8_t **corner_normals;
+	uint8_t *joined; /* room for these records, where they come from disk */
 };
 
 /** One face.  normals: NULL, or a number for each corner. */
@@ -75,14 +86,21 @@ int mesh_create(struct import_job *job, const struct mesh_layout *layout, struct
 		struct why *why);
 struct mesh *mesh_destroy(struct mesh *mesh);
 
-/** Says that so many vertices will come, so that room is made once.  Returns: 0 or -ENOMEM. */
+/**
+ * Says that so many vertices will come, so that room is made once, or the mesh is deferred.
+ *
+ * Returns: 0, -ENOMEM or -errno of the scratch folder.
+ */
 int mesh_expect_vertices(struct mesh *mesh, uint64_t count, struct why *why);
+
+/** Defers the mesh: vertices may then come behind the faces that use them.  Returns: as above. */
+int mesh_defer(struct mesh *mesh, struct why *why);
 
 /** As batcher_part(). */
 int mesh_part(struct mesh *mesh, const struct import_part *part, uint32_t *ret_number,
 	      struct why *why);
 
-/** Adds records behind those that are there.  Returns: 0 or -ENOMEM. */
+/** Adds records behind those that are there.  Returns: as mesh_expect_vertices(). */
 int mesh_add_vertices(struct mesh *mesh, const void *records, uint64_t count, struct why *why);
 int mesh_add_normal(struct mesh *mesh, const float normal[3], struct why *why);
 

@@ -521,6 +521,20 @@ static uint32_t find_indices(const struct ply_element *element)
 	return list;
 }
 
+/* Do faces come before the vertices that they point at? */
+static bool faces_come_first(const struct ply_header *header)
+{
+	bool faces_seen = false;
+
+	for (uint32_t i = 0; i < header->element_count; i++) {
+		if (find_indices(&header->elements[i]) != UINT32_MAX)
+			faces_seen = true;
+		else if (faces_seen && strcmp(header->elements[i].name, "vertex") == 0)
+			return true;
+	}
+	return false;
+}
+
 /* Makes the mesh as the vertices want it. */
 static int ply_prepare(struct ply *ply, struct why *why)
 {
@@ -545,7 +559,10 @@ static int ply_prepare(struct ply *ply, struct why *why)
 	if (r < 0)
 		return r;
 	ply->mesh->colours_present = layout.colours;
-	r = mesh_expect_vertices(ply->mesh, vertices->count, why);
+	if (faces_come_first(&ply->header))
+		r = mesh_defer(ply->mesh, why);
+	if (r == 0)
+		r = mesh_expect_vertices(ply->mesh, vertices->count, why);
 	if (r == 0)
 		r = mesh_part(ply->mesh, &part, &ply->part, why);
 	return r;
