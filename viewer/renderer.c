@@ -188,14 +188,14 @@ void renderer_begin(struct renderer *renderer, const struct render_style *style)
 		glUniform1ui(LOCATION_ITEM, style->channel);
 }
 
-/* The lamp is at the viewer's left shoulder. */
+/* The lamp is above the viewer's left shoulder: three sides of a box get three shades. */
 static void set_lamp(const struct camera_view *view)
 {
 	double lamp[3];
 	double length2 = 0.0;
 
 	for (int k = 0; k < 3; k++) {
-		lamp[k] = 0.5 * view->up[k] - 0.4 * view->right[k] - view->forward[k];
+		lamp[k] = 0.8 * view->up[k] - 0.5 * view->right[k] - 0.7 * view->forward[k];
 		length2 += lamp[k] * lamp[k];
 	}
 	for (int k = 0; k < 3; k++)
