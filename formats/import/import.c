@@ -23,6 +23,18 @@ static const struct importer importers[] = {
 	{ ".vrml", vrml_import }, { ".wrz", vrml_import }, /* .wrl.gz by its usual name */
 };
 
+/*
+ * What assimp reads and folders may be searched for.  A file of another name that is given by itself
+ * is tried too.
+ */
+static const char *const assimp_suffixes[] = {
+	".3ds", ".3mf", ".ac",  ".ac3d", ".acc",     ".amf",  ".ase", ".b3d", ".blend",
+	".cob", ".dae", ".dxf", ".fbx",  ".glb",     ".gltf", ".hmp", ".ifc", ".lwo",
+	".lws", ".lxo", ".md2", ".md3",  ".md5mesh", ".ms3d", ".nff", ".off", ".ogex",
+	".q3o", ".q3s", ".smd", ".ter",  ".x",       ".x3d",  ".xgl", ".zgl",
+};
+static const struct importer assimp_importer = { "", assimp_import };
+
 /* Does name[0, length) end with the suffix, in any case? */
 static bool ends_with(const char *name, size_t length, const char *suffix)
 {
@@ -46,7 +58,12 @@ static const struct importer *importer_of_name(const char *path)
 
 bool import_is_model_name(const char *path)
 {
-	return importer_of_name(path) != NULL;
+	if (importer_of_name(path))
+		return true;
+	for (size_t i = 0; i < ARRAY_LENGTH(assimp_suffixes); i++)
+		if (ends_with(path, strlen(path), assimp_suffixes[i]))
+			return true;
+	return false;
 }
 
 /* A signature in the content counts more than the name. */
@@ -59,7 +76,7 @@ static const struct importer *importer_of_content(const struct source *source, c
 		return importer_of_name("a.ply");
 	if (length >= 10 && strncmp(begin, "#VRML V2.0", 10) == 0)
 		return importer_of_name("a.wrl");
-	return importer_of_name(path);
+	return importer_of_name(path) ? importer_of_name(path) : &assimp_importer;
 }
 
 /* What the source tells while it reads. */
@@ -84,9 +101,7 @@ static int import_job_run(struct import_job *job, struct why *why)
 	if (r < 0)
 		return r;
 	importer = importer_of_content(job->source, job->path);
-	if (!importer)
-		r = why_set(why, -ENOTSUP, "no importer knows a file of this name");
-	else if (job->source->at == job->source->end)
+	if (job->source->at == job->source->end)
 		r = why_set(why, -ENODATA, "it is empty");
 	else
 		r = importer->import(job, why);

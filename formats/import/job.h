@@ -27,5 +27,7 @@ int ply_import(struct import_job *job, struct why *why);
 int obj_import(struct import_job *job, struct why *why);
 int stl_import(struct import_job *job, struct why *why);
 int vrml_import(struct import_job *job, struct why *why);
+/** Reads job->path itself, in another process, and leaves job->source alone. */
+int assimp_import(struct import_job *job, struct why *why);
 
 #endif /* FORMATS_IMPORT_JOB_H */
