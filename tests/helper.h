@@ -46,7 +46,7 @@ void test_folder_remove(char *folder);
 int test_folder_setup(void **state);
 int test_folder_teardown(void **state);
 
-/** "folder/name" in memory that lasts for the next 16 calls. */
+/** "folder/name", for the rest of the program. */
 const char *test_path(const char *folder, const char *name);
 
 /** Names in a folder but "." and "..", in byte order, each followed by a space. */

@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: MIT
 # The helper that tests of every area may link.
 add_library(oocd_test_helper STATIC
-	${CMAKE_CURRENT_LIST_DIR}/helper.c ${CMAKE_CURRENT_LIST_DIR}/helper_grid.c)
-target_link_libraries(oocd_test_helper PUBLIC oocd_flags oocd_store PkgConfig::CMOCKA m)
+	${CMAKE_CURRENT_LIST_DIR}/helper.c ${CMAKE_CURRENT_LIST_DIR}/helper_grid.c
+	${CMAKE_CURRENT_LIST_DIR}/store_image.c)
+target_link_libraries(oocd_test_helper PUBLIC oocd_flags oocd_store PkgConfig::CMOCKA
+	PRIVATE PkgConfig::ZSTD m)
 
 oocd_test(test_store unit SOURCES unit/test_store.c LINK oocd_test_helper)
+oocd_test(test_store_layout unit SOURCES unit/test_store_layout.c LINK oocd_test_helper)
+oocd_test(test_store_judge unit SOURCES unit/test_store_judge.c LINK oocd_test_helper)

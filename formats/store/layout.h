@@ -116,7 +116,10 @@ struct store_superblock {
 	uint64_t checksum; /* XXH3-64 of all bytes before; the seed is the slot, 0 or 1 */
 };
 
-/** Directions of store_node.solidity: three pairs of axes of an icosahedron, (0,1,g) and so on. */
+/**
+ * Directions of store_node.solidity, the six axes of an icosahedron, each over sqrt(1 + g * g):
+ * (0,1,g) (0,-1,g) (1,g,0) (-1,g,0) (g,0,1) (g,0,-1).
+ */
 #define STORE_SOLIDITY_DIRECTIONS 6u
 #define STORE_GOLDEN_RATIO        1.6180339887498949
 
