@@ -270,9 +270,11 @@ static void make_hall(struct mesh *mesh, const struct plant *plant, unsigned col
 		machine_turbine(mesh, &part, &random);
 	}
 	part = frame_at(&corner, 0, HALL_DEPTH - 4.5, 3.2);
-	machine_pipe_rack(mesh, &part, &random, width, plant->hall_height - 3.2);
+	if (bay_furnished(plant, &random, 1))
+		machine_pipe_rack(mesh, &part, &random, width, plant->hall_height - 3.2);
 	part = frame_at(&corner, width / 2, HALL_DEPTH - 4, 0);
-	machine_pump(mesh, &part, &random, 3.2);
+	if (bay_furnished(plant, &random, 1))
+		machine_pump(mesh, &part, &random, 3.2);
 	for (unsigned i = 0; i < 2; i++) {
 		part = frame_at(&corner, width / 2, HALL_DEPTH * (0.3 + 0.4 * i),
 				plant->hall_height);
@@ -299,10 +301,11 @@ static void make_yard(struct mesh *mesh, const struct plant *plant, unsigned col
 		machine_beam(mesh, &corner, at(0.3, y, -0.1), at(0.3, y, 7.6), 0.4);
 	}
 	for (unsigned deck = 0; deck < 2; deck++) {
-		part = frame_at(&corner, 0, 3.6, 5 + 2 * deck);
-		machine_pipe_rack(mesh, &part, &random, width, 0.1);
-		part = frame_at(&corner, 0, 5.4, 5 + 2 * deck);
-		machine_pipe_rack(mesh, &part, &random, width, 0.1);
+		for (unsigned side = 0; side < 2; side++) {
+			part = frame_at(&corner, 0, 3.6 + 1.8 * side, 5 + 2 * deck);
+			if (bay_furnished(plant, &random, 1))
+				machine_pipe_rack(mesh, &part, &random, width, 0.1);
+		}
 		machine_paint(mesh, PAINT_STRUCTURE);
 		machine_beam(mesh, &corner, at(0.3, 2.8, 4.72 + 2 * deck),
 			     at(0.3, 7.2, 4.72 + 2 * deck), 0.3);

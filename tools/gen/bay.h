@@ -23,6 +23,13 @@ static inline bool bay_is_corridor(unsigned row)
 	return row % 3 == 1;
 }
 
+/** The chance that a machine stands where it could; the smallest plants have fewer. */
+static inline bool bay_furnished(const struct plant *plant, struct random *random,
+				 double probability)
+{
+	return random_chance(random, probability * plant->furnishing);
+}
+
 uint64_t bay_cell_count(const struct plant *plant);
 
 /** Makes a cell at the mesh's level. */

@@ -147,8 +147,7 @@ static void place_machines(struct mesh *mesh, const struct bay *bay, struct rand
 		double y = bay->depth / 2 + (place / columns - 0.5 * (rows - 1)) * ROOM_PITCH;
 		struct random own = { random_next(random) };
 		struct frame frame = frame_at(&bay->frame, x, y, 0);
-		bool blocked =
-			!random_chance(&own, bay->plant->furnishing * theme->place_percent / 100);
+		bool blocked = !bay_furnished(bay->plant, &own, theme->place_percent / 100.0);
 
 		for (unsigned i = 0; i < opening_count; i++)
 			blocked |= near_opening(&openings[i], x, y);
@@ -163,7 +162,7 @@ static void place_machines(struct mesh *mesh, const struct bay *bay, struct rand
 		double z = ROOM_PIPES + random_between(random, 0, 0.4);
 		struct frame rack = frame_at(&bay->frame, 0, y, z);
 
-		if (random_chance(random, 0.75 * bay->plant->furnishing))
+		if (bay_furnished(bay->plant, random, 0.75))
 			machine_pipe_rack(mesh, &rack, random, bay->width, bay->height - z);
 	}
 }
@@ -185,12 +184,12 @@ void bay_room(struct mesh *mesh, const struct bay *bay)
 
 	place_machines(mesh, bay, &random);
 	bay_shaft_contents(mesh, bay, &random);
-	if (random_chance(&random, 0.5)) {
+	if (bay_furnished(bay->plant, &random, 0.5)) {
 		part = frame_at(&bay->frame, 0, random_between(&random, 0.8, bay->depth - 0.8),
 				bay->height - 0.55);
 		machine_duct(mesh, &part, bay->width, random_between(&random, 0.4, 0.7));
 	}
-	if (random_chance(&random, 0.7)) {
+	if (bay_furnished(bay->plant, &random, 0.7)) {
 		part = frame_at(&bay->frame, 0.5, 0.6, 2.75);
 		machine_tray(mesh, &part, &random, bay->width - 1, bay->height - 2.75);
 	}
@@ -203,7 +202,8 @@ void bay_corridor(struct mesh *mesh, const struct bay *bay)
 	struct random random = random_stream(bay->plant->seed, STREAM_ROOM | bay_number(bay));
 	struct frame part = frame_at(&bay->frame, 0, 0.4, 3.1);
 
-	machine_pipe_rack(mesh, &part, &random, bay->width, bay->height - 3.1);
+	if (bay_furnished(bay->plant, &random, 1))
+		machine_pipe_rack(mesh, &part, &random, bay->width, bay->height - 3.1);
 	part = frame_at(&bay->frame, 0, bay->depth - 0.5, 2.9);
 	machine_tray(mesh, &part, &random, bay->width, bay->height - 2.9);
 	lamps(mesh, bay, 2, bay->depth * 0.6);

@@ -51,6 +51,8 @@ static void window_frame(struct mesh *mesh, const struct frame *wall, const stru
 		frame_at(wall, o->low_x - 0.05, o->low_y - 0.05, thickness / 2 - 0.04);
 	struct plate frame = { .width = width, .height = height, .thickness = 0.08 };
 
+	if (mesh->level == 0)
+		return;
 	for (unsigned i = 0; i < 4; i++) {
 		double x = i & 1 ? width / 2 + bar / 2 : bar + 0.04;
 		double y = i & 2 ? height / 2 + bar / 2 : bar + 0.04;

@@ -89,7 +89,10 @@ void machine_platform(struct mesh *mesh, const struct frame *frame, double lengt
 	for (unsigned i = 0; i < panel_count; i++) {
 		struct frame corner = frame_at(frame, i * panel + 0.005, 0, -0.04);
 
-		solid_grating(mesh, &corner, at(panel - 0.01, width, 0.04), holes, holes);
+		if (mesh->level > 0)
+			solid_grating(mesh, &corner, at(panel - 0.01, width, 0.04), holes, holes);
+		else
+			solid_box(mesh, &corner, at(0, 0, 0), at(panel - 0.01, width, 0.04));
 	}
 	machine_paint(mesh, PAINT_STRUCTURE);
 	for (int side = 0; side <= 1; side++) {
@@ -185,7 +188,7 @@ void machine_duct(struct mesh *mesh, const struct frame *frame, double length, d
 		struct frame outlet = frame_at(frame, x + 0.5, -0.15, -0.3 * width - 0.08);
 
 		solid_sweep(mesh, frame, &outline, joint, 2, 0);
-		if (x + 1.2 < length)
+		if (x + 1.2 < length && mesh->level > 0)
 			solid_grating(mesh, &outlet, at(0.4, 0.3, 0.09), 2,
 				      2 + (mesh->level > 10 ? 10 : mesh->level));
 	}

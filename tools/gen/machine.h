@@ -3,8 +3,8 @@
  * machine.h - what stands, lies and hangs in a power plant.
  *
  * Things stand on the origin of their frame, z up, and are about as wide as MACHINE_SLOT unless
- * they say otherwise.  Which things there are never depends on the mesh's level, only how finely
- * they are made.
+ * they say otherwise.  Where they stand never depends on the mesh's level, only how finely they are
+ * made; at level 0 small parts are left out.
  */
 #ifndef TOOLS_GEN_MACHINE_H
 #define TOOLS_GEN_MACHINE_H

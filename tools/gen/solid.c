@@ -23,6 +23,11 @@ static struct vec3 scaled(struct vec3 a, double factor)
 	return (struct vec3){ a.x * factor, a.y * factor, a.z * factor };
 }
 
+static bool too_thin(const struct mesh *mesh, double radius)
+{
+	return mesh->level == 0 && radius < SOLID_THIN_RADIUS;
+}
+
 /* ---- boxes ---- */
 
 void solid_box(struct mesh *mesh, const struct frame *frame, struct vec3 low, struct vec3 high)
@@ -147,6 +152,8 @@ void solid_torus(struct mesh *mesh, const struct frame *frame, double radius, do
 	unsigned across = mesh_segments(mesh, tube_radius);
 	const struct turn *circle = mesh_circle(mesh, across);
 
+	if (too_thin(mesh, tube_radius))
+		return;
 	if (!mesh_begin(mesh, (uint64_t)around * across, 2 * (uint64_t)around * across))
 		return;
 	for (unsigned i = 0; i < across; i++) {
@@ -355,6 +362,8 @@ void solid_rod(struct mesh *mesh, const struct frame *frame, struct vec3 from, s
 	const struct vec3 path[2] = { from, to };
 	struct outline outline;
 
+	if (too_thin(mesh, radius))
+		return;
 	outline_circle(mesh, radius, &outline);
 	solid_sweep(mesh, frame, &outline, path, 2, 0);
 }

@@ -3,12 +3,15 @@
  * solid.h - the closed solids that everything is made of: boxes, plates with openings, turned
  * bodies, and outlines swept along a path.
  *
- * Sizes are metres in the axes of a frame.  How round is round follows the mesh's level.
+ * Sizes are metres in the axes of a frame.  How round is round follows the mesh's level; at level
+ * 0 rods and rings thinner than SOLID_THIN_RADIUS are left out, so that small scenes are possible.
  */
 #ifndef TOOLS_GEN_SOLID_H
 #define TOOLS_GEN_SOLID_H
 
 #include "tools/gen/mesh.h"
+
+#define SOLID_THIN_RADIUS 0.03
 
 /** A box from low to high in the frame's axes; low < high in each. */
 void solid_box(struct mesh *mesh, const struct frame *frame, struct vec3 low, struct vec3 high);
