@@ -1,0 +1,516 @@
+/* SPDX-License-Identifier: MIT */
+#include "daemon/cache.h"
+
+#include <errno.h>
+
+#include "daemon/limits.h"
+#include "formats/base/check.h"
+#include "formats/base/clock.h"
+
+/* Candidates looked at, from the oldest, before the whole arena is searched for a window. */
+#define WINDOW_TRIES 8u
+/* Uses between two looks at whether another store's memory is older than what would be evicted. */
+#define STEAL_USES 64u
+/* How long the budget stays shrunk after memory could not be had. */
+#define SHORT_OF_MEMORY_NS (10 * NS_PER_S)
+
+static struct served *store_of(struct list *link)
+{
+	return LIST_ENTRY(link, struct served, link);
+}
+
+static _Atomic uint64_t *word_of(const struct served *served, uint32_t index)
+{
+	return &served->directory->words[index];
+}
+
+static struct segment *segment_of(const struct served *served, const struct node *node)
+{
+	return served->arena.by_number[node->place.segment];
+}
+
+/* BUSY and HELD nodes are pinned: their bytes may not go. */
+static void pin(struct cache *cache, struct served *served, uint32_t index)
+{
+	uint32_t pages = served_pages(served, index);
+
+	served->pinned_pages += pages;
+	segment_of(served, &served->nodes[index])->pinned_pages += pages;
+	cache->pinned_bytes += (uint64_t)pages * WIRE_PAGE_BYTES;
+}
+
+static void unpin(struct cache *cache, struct served *served, uint32_t index)
+{
+	struct segment *segment = segment_of(served, &served->nodes[index]);
+	uint32_t pages = served_pages(served, index);
+
+	CHECK(served->pinned_pages >= pages && segment->pinned_pages >= pages);
+	served->pinned_pages -= pages;
+	segment->pinned_pages -= pages;
+	cache->pinned_bytes -= (uint64_t)pages * WIRE_PAGE_BYTES;
+	cache->released_bytes += (uint64_t)pages * WIRE_PAGE_BYTES;
+}
+
+/* ---- eviction ---- */
+
+static void evict(struct served *served, uint32_t index)
+{
+	struct node *node = &served->nodes[index];
+
+	/* The word says ABSENT before the place can be given to anyone. */
+	node_evict(node, word_of(served, index));
+	list_remove(&node->link);
+	arena_give(&served->arena, node->place);
+	served->ready_count--;
+	served->counters.evictions++;
+}
+
+static void evict_window(struct served *served, struct window window)
+{
+	const struct pages *pages = served->arena.by_number[window.segment]->pages;
+	uint32_t at = window.first;
+	uint32_t end = window.first + window.page_count;
+
+	while (at < end) {
+		struct pages_run run = pages_run_at(pages, at);
+
+		/* Read first: giving it back joins it with its neighbours. */
+		at += run.count;
+		if (run.owner != PAGES_FREE)
+			evict(served, run.owner);
+	}
+}
+
+static void evict_unpinned(struct served *served, const struct segment *segment)
+{
+	uint32_t at = 0;
+
+	while (at < pages_count(segment->pages)) {
+		struct pages_run run = pages_run_at(segment->pages, at);
+
+		at += run.count;
+		if (run.owner != PAGES_FREE && served->nodes[run.owner].state == NODE_FREE)
+			evict(served, run.owner);
+	}
+}
+
+static void drop_segment(struct cache *cache, struct served *served, struct segment *segment)
+{
+	CHECK(segment->pinned_pages == 0);
+	evict_unpinned(served, segment);
+	cache->calls.gone(cache->calls_arg, served, segment);
+	arena_remove(&served->arena, segment->number);
+	cache->segment_bytes -= served->arena.segment_bytes;
+	cache->released_bytes += served->arena.segment_bytes;
+	cache->segment_count--;
+}
+
+static uint64_t age_of(void *arg, uint32_t owner)
+{
+	const struct served *served = arg;
+	const struct node *node = &served->nodes[owner];
+
+	return node->state == NODE_FREE ? node->last_use : ARENA_NEVER;
+}
+
+/*
+ * The oldest nodes are tried first, each with its neighbours, because payloads of a store are of
+ * similar size and that nearly always succeeds.  Only then all windows are compared, so that "full"
+ * is said exactly when it is true.
+ */
+static int find_window(struct served *served, uint32_t pages, struct window *ret)
+{
+	struct window best = { .youngest = ARENA_NEVER };
+	uint32_t tries = 0;
+
+	LIST_FOR_EACH (link, &served->lru) {
+		struct node *node = LIST_ENTRY(link, struct node, link);
+		struct window window;
+
+		if (tries++ == WINDOW_TRIES || node->last_use >= best.youngest)
+			break;
+		if (arena_window_around(&served->arena, node->place, pages, age_of, served,
+					&window) == 0 &&
+		    window.youngest < best.youngest)
+			best = window;
+	}
+	if (best.youngest == ARENA_NEVER)
+		return arena_window_best(&served->arena, pages, age_of, served, ret);
+	*ret = best;
+	return 0;
+}
+
+/* ---- segments ---- */
+
+static bool grow(struct cache *cache, struct served *served)
+{
+	uint64_t bytes = served->arena.segment_bytes;
+
+	if (served->segment_coming || cache->segment_count == SEGMENT_COUNT_MAX ||
+	    cache->segment_bytes + bytes > cache->budget_bytes)
+		return false;
+	served->segment_coming = true;
+	cache->segment_bytes += bytes;
+	cache->segment_count++;
+	cache->calls.make(cache->calls_arg, served);
+	return true;
+}
+
+/* Ahead of need, so that a fetch seldom waits for memory to be populated. */
+static void grow_ahead(struct cache *cache, struct served *served)
+{
+	const struct store_superblock *superblock = served->superblock;
+
+	if (arena_free_pages(&served->arena) * WIRE_PAGE_BYTES < served->arena.segment_bytes / 4 &&
+	    arena_bytes(&served->arena) < superblock->payload_raw_bytes)
+		(void)grow(cache, served);
+}
+
+/* Stamp of the segment's newest use, or ARENA_NEVER when something in it is pinned. */
+static uint64_t segment_age(const struct served *served, const struct segment *segment)
+{
+	uint64_t youngest = 0;
+	uint32_t at = 0;
+
+	if (segment->pinned_pages > 0)
+		return ARENA_NEVER;
+	while (at < pages_count(segment->pages)) {
+		struct pages_run run = pages_run_at(segment->pages, at);
+
+		at += run.count;
+		if (run.owner != PAGES_FREE)
+			youngest = u64_max(youngest, served->nodes[run.owner].last_use);
+	}
+	return youngest;
+}
+
+/* Drops the oldest segment of another store that was last used before `limit`. */
+static bool steal_one(struct cache *cache, const struct served *for_whom, uint64_t limit)
+{
+	struct segment *best = NULL;
+	struct served *victim = NULL;
+
+	LIST_FOR_EACH (link, &cache->stores) {
+		struct served *served = store_of(link);
+
+		if (served == for_whom)
+			continue;
+		LIST_FOR_EACH (at, &served->arena.in_order) {
+			uint64_t age = segment_age(served, ARENA_SEGMENT(at));
+
+			if (age >= limit)
+				continue;
+			limit = age;
+			best = ARENA_SEGMENT(at);
+			victim = served;
+		}
+	}
+	if (best)
+		drop_segment(cache, victim, best);
+	return best != NULL;
+}
+
+/* Makes a segment's room in the budget out of what other stores used before `limit`. */
+static bool steal(struct cache *cache, struct served *served, uint64_t limit)
+{
+	if (cache->store_count < 2)
+		return false;
+	cache->steal_clock = cache->clock;
+	while (cache->segment_bytes + served->arena.segment_bytes > cache->budget_bytes)
+		if (!steal_one(cache, served, limit))
+			return false;
+	return grow(cache, served);
+}
+
+/*
+ * Other stores hold something in each of their segments, and this one has less than its share of
+ * the budget: the segment with the fewest holds is filled no more, and given up with the last one.
+ */
+static void drain_one(struct cache *cache, const struct served *for_whom)
+{
+	struct segment *best = NULL;
+	struct served *victim = NULL;
+
+	if (arena_bytes(&for_whom->arena) >= cache->budget_bytes / cache->store_count)
+		return;
+	LIST_FOR_EACH (link, &cache->stores) {
+		struct served *served = store_of(link);
+
+		if (served == for_whom || served->arena.segment_count < 2)
+			continue;
+		LIST_FOR_EACH (at, &served->arena.in_order) {
+			struct segment *segment = ARENA_SEGMENT(at);
+
+			if (segment->draining)
+				return;
+			if (best && segment->pinned_pages >= best->pinned_pages)
+				continue;
+			best = segment;
+			victim = served;
+		}
+	}
+	if (!best)
+		return;
+	best->draining = true;
+	evict_unpinned(victim, best);
+}
+
+/* ---- the interface ---- */
+
+void cache_init(struct cache *cache, uint64_t budget_bytes, const struct cache_calls *calls,
+		void *calls_arg)
+{
+	*cache = (struct cache){
+		.budget_bytes = budget_bytes,
+		.budget_wanted_bytes = budget_bytes,
+		.calls = *calls,
+		.calls_arg = calls_arg,
+	};
+	list_init(&cache->stores);
+}
+
+void cache_add_store(struct cache *cache, struct served *served)
+{
+	list_push_back(&cache->stores, &served->link);
+	cache->store_count++;
+}
+
+void cache_remove_store(struct cache *cache, struct served *served)
+{
+	CHECK(served->pinned_pages == 0);
+	CHECK(!served->segment_coming);
+	LIST_FOR_EACH (link, &served->arena.in_order)
+		drop_segment(cache, served, ARENA_SEGMENT(link));
+	list_remove(&served->link);
+	cache->store_count--;
+}
+
+static int take_place(struct cache *cache, struct served *served, uint32_t index, struct place *ret)
+{
+	uint32_t pages = served_pages(served, index);
+	struct window window = { .youngest = ARENA_NEVER };
+	int r;
+
+	if (arena_take(&served->arena, pages, index, ret) == 0)
+		return 0;
+	if (served->segment_coming || grow(cache, served))
+		return -EAGAIN;
+	r = find_window(served, pages, &window);
+	if ((r < 0 || cache->clock - cache->steal_clock >= STEAL_USES) &&
+	    steal(cache, served, window.youngest))
+		return -EAGAIN;
+	if (r < 0) {
+		drain_one(cache, served);
+		return r;
+	}
+	evict_window(served, window);
+	r = arena_take(&served->arena, pages, index, ret);
+	CHECK(r == 0);
+	return 0;
+}
+
+int cache_begin_fill(struct cache *cache, struct served *served, uint32_t index, uint32_t fill)
+{
+	struct node *node = &served->nodes[index];
+	struct place place;
+	int r;
+
+	CHECK(served_has_payload(served, index));
+	CHECK(node->state == NODE_ABSENT);
+	r = take_place(cache, served, index, &place);
+	if (r < 0)
+		return r;
+	node_begin_fill(node, word_of(served, index), place, fill);
+	pin(cache, served, index);
+	grow_ahead(cache, served);
+	return 0;
+}
+
+/* The node has become FREE: it is the one that was used last. */
+static void set_free(struct cache *cache, struct served *served, uint32_t index)
+{
+	struct node *node = &served->nodes[index];
+	struct segment *segment = segment_of(served, node);
+
+	unpin(cache, served, index);
+	node->last_use = ++cache->clock;
+	list_push_back(&served->lru, &node->link);
+	if (!segment->draining)
+		return;
+	evict(served, index);
+	if (segment->pinned_pages == 0)
+		drop_segment(cache, served, segment);
+}
+
+void cache_end_fill(struct cache *cache, struct served *served, uint32_t index)
+{
+	struct node *node = &served->nodes[index];
+
+	node_end_fill(node, word_of(served, index));
+	served->ready_count++;
+	if (node->state == NODE_FREE)
+		set_free(cache, served, index);
+	else
+		served->held_pages += served_pages(served, index);
+}
+
+void cache_fail_fill(struct cache *cache, struct served *served, uint32_t index, bool damaged)
+{
+	struct node *node = &served->nodes[index];
+	struct segment *segment = segment_of(served, node);
+
+	node_fail_fill(node, word_of(served, index), damaged);
+	unpin(cache, served, index);
+	arena_give(&served->arena, node->place);
+	served->counters.errors++;
+	if (segment->draining && segment->pinned_pages == 0)
+		drop_segment(cache, served, segment);
+}
+
+void cache_hold(struct cache *cache, struct served *served, uint32_t index)
+{
+	struct node *node = &served->nodes[index];
+	bool was_free = node->state == NODE_FREE;
+
+	node_hold(node, word_of(served, index));
+	if (!was_free)
+		return;
+	list_remove(&node->link);
+	pin(cache, served, index);
+	served->held_pages += served_pages(served, index);
+}
+
+void cache_release(struct cache *cache, struct served *served, uint32_t index)
+{
+	struct node *node = &served->nodes[index];
+
+	node_release(node, word_of(served, index));
+	if (node->state != NODE_FREE)
+		return;
+	served->held_pages -= served_pages(served, index);
+	set_free(cache, served, index);
+}
+
+void cache_warm_up(struct cache *cache, struct served *served)
+{
+	if (served->arena.segment_count > 0 || served->segment_coming)
+		return;
+	if (!grow(cache, served))
+		(void)steal(cache, served, ARENA_NEVER);
+}
+
+int cache_add_segment(struct cache *cache, struct served *served, struct memfile *memfile,
+		      struct segment **ret)
+{
+	int r;
+
+	CHECK(served->segment_coming);
+	r = arena_add(&served->arena, memfile, ret);
+	if (r < 0) {
+		cache_segment_failed(cache, served);
+		return r;
+	}
+	served->segment_coming = false;
+	cache->released_bytes += served->arena.segment_bytes;
+	return 0;
+}
+
+void cache_segment_failed(struct cache *cache, struct served *served)
+{
+	CHECK(served->segment_coming);
+	served->segment_coming = false;
+	cache->segment_bytes -= served->arena.segment_bytes;
+	cache->segment_count--;
+	cache->budget_bytes = cache->segment_bytes;
+	cache->short_since_ns = clock_now_ns();
+}
+
+void cache_trim(struct cache *cache, uint64_t now_ns, uint64_t idle_ns)
+{
+	if (cache->short_since_ns > 0 && now_ns - cache->short_since_ns > SHORT_OF_MEMORY_NS) {
+		cache->short_since_ns = 0;
+		cache->budget_bytes = cache->budget_wanted_bytes;
+		cache->released_bytes += cache->budget_bytes - cache->segment_bytes;
+	}
+	LIST_FOR_EACH (link, &cache->stores) {
+		struct served *served = store_of(link);
+
+		LIST_FOR_EACH (at, &served->arena.in_order) {
+			struct segment *segment = ARENA_SEGMENT(at);
+			bool last = served->attach_count > 0 && served->arena.segment_count == 1;
+
+			if (pages_free_count(segment->pages) < pages_count(segment->pages))
+				segment->empty_since_ns = 0;
+			else if (segment->empty_since_ns == 0)
+				segment->empty_since_ns = now_ns;
+			else if (!last && now_ns - segment->empty_since_ns > idle_ns)
+				drop_segment(cache, served, segment);
+		}
+	}
+}
+
+uint64_t cache_used_bytes(const struct cache *cache)
+{
+	uint64_t pages = 0;
+
+	LIST_FOR_EACH (link, &cache->stores)
+		pages += store_of(link)->arena.used_pages;
+	return pages * WIRE_PAGE_BYTES;
+}
+
+static void store_check(const struct served *served)
+{
+	uint64_t used_pages = 0;
+	uint64_t pinned_pages = 0;
+	uint64_t held_pages = 0;
+	uint64_t ready_count = 0;
+	uint64_t free_count = 0;
+	uint64_t last_use = 0;
+
+	arena_check(&served->arena);
+	for (uint32_t i = 0; i < served->node_count; i++) {
+		const struct node *node = &served->nodes[i];
+		uint32_t pages = served_pages(served, i);
+
+		node_check(node);
+		CHECK((node->state == NODE_FREE) == !list_is_empty(&node->link));
+		if (node->state == NODE_ABSENT || node->state == NODE_DAMAGED)
+			continue;
+		CHECK(pages_run_at(segment_of(served, node)->pages, node->place.page).owner == i);
+		used_pages += pages;
+		pinned_pages += node->state == NODE_FREE ? 0 : pages;
+		held_pages += node->state == NODE_HELD ? pages : 0;
+		ready_count += node_is_ready(node);
+		free_count += node->state == NODE_FREE;
+	}
+	LIST_FOR_EACH (link, &served->lru) {
+		const struct node *node = LIST_ENTRY(link, struct node, link);
+
+		CHECK(node->last_use > last_use);
+		last_use = node->last_use;
+		free_count--;
+	}
+	CHECK(free_count == 0);
+	CHECK(used_pages == served->arena.used_pages);
+	CHECK(pinned_pages == served->pinned_pages);
+	CHECK(held_pages == served->held_pages);
+	CHECK(ready_count == served->ready_count);
+}
+
+void cache_check(const struct cache *cache)
+{
+	uint64_t pinned_pages = 0;
+	uint64_t segment_bytes = 0;
+
+	LIST_FOR_EACH (link, &cache->stores) {
+		const struct served *served = store_of(link);
+
+		store_check(served);
+		pinned_pages += served->pinned_pages;
+		segment_bytes += arena_bytes(&served->arena);
+		segment_bytes += served->segment_coming ? served->arena.segment_bytes : 0;
+	}
+	CHECK(cache->pinned_bytes == pinned_pages * WIRE_PAGE_BYTES);
+	CHECK(cache->segment_bytes == segment_bytes);
+	CHECK(cache->segment_bytes <= cache->budget_bytes);
+}

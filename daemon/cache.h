@@ -1,0 +1,99 @@
+/* SPDX-License-Identifier: MIT */
+/**
+ * cache.h - which payloads are in memory, and which go when room is needed.
+ *
+ * One budget for all stores.  The cache finds places, counts holds and evicts what nobody holds, the
+ * one unused for the longest first.  It does no I/O: cache_begin_fill() gives a place, somebody
+ * reads into it, and cache_end_fill() or cache_fail_fill() ends that.
+ *
+ * Access rules (the long form, with the reasons, is daemon/README.md):
+ *
+ *   1. A BUSY or HELD node is never evicted or moved.
+ *   2. Holds may last.  Nothing in the daemon waits for one to go away: where everything is held,
+ *      cache_begin_fill() fails with -ENOBUFS.  It does not fail while what nobody holds could make
+ *      room.
+ *   3. A BUSY node's place belongs to kernel and workers until its fill has ended.
+ *
+ * Segments are made by somebody else on a worker (cache.calls.make), because populating memory takes
+ * up to a second a GiB.
+ *
+ * Threads: loop thread.  Memory: no call allocates but cache_add_segment().
+ * Source: getblk and brelse, Bach (1986), sec. 3.3.
+ */
+#ifndef DAEMON_CACHE_H
+#define DAEMON_CACHE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "daemon/served.h"
+
+/** Control that goes up. */
+struct cache_calls {
+	/* Start to make a segment; ends in cache_add_segment() or cache_segment_failed(). */
+	void (*make)(void *arg, struct served *served);
+	/* A segment is about to go: unregister its buffer, tell the clients. */
+	void (*gone)(void *arg, struct served *served, struct segment *segment);
+};
+
+struct cache {
+	uint64_t budget_bytes;
+	uint64_t budget_wanted_bytes; /* more than budget_bytes while memory is short */
+	uint64_t short_since_ns;      /* 0: it is not */
+	uint64_t segment_bytes; /* of all stores, those being made included; <= budget_bytes */
+	uint32_t segment_count;
+	uint64_t pinned_bytes;   /* of BUSY and HELD nodes */
+	uint64_t released_bytes; /* ever: grows whenever room may have appeared */
+	uint64_t clock;          /* of uses: +1 each */
+	uint64_t steal_clock;    /* when other stores were last looked at */
+	struct list stores;
+	uint32_t store_count;
+	struct cache_calls calls;
+	void *calls_arg;
+};
+
+void cache_init(struct cache *cache, uint64_t budget_bytes, const struct cache_calls *calls,
+		void *calls_arg);
+
+void cache_add_store(struct cache *cache, struct served *served);
+/** Evicts all of it; nothing of it may be BUSY or HELD, no segment being made. */
+void cache_remove_store(struct cache *cache, struct served *served);
+
+/**
+ * Gives an ABSENT node a place.
+ *
+ * fill:  index of who reads it.
+ *
+ * Returns: 0, -ENOBUFS (everything is held), or -EAGAIN (a segment is being made: try again then).
+ */
+int cache_begin_fill(struct cache *cache, struct served *served, uint32_t index, uint32_t fill);
+void cache_end_fill(struct cache *cache, struct served *served, uint32_t index);
+/** damaged: the bytes are wrong; else they could not be had.  Nobody may hold it. */
+void cache_fail_fill(struct cache *cache, struct served *served, uint32_t index, bool damaged);
+
+/** Holds of a BUSY, HELD or FREE node. */
+void cache_hold(struct cache *cache, struct served *served, uint32_t index);
+void cache_release(struct cache *cache, struct served *served, uint32_t index);
+
+/** Makes the first segment of a store before anybody waits for it. */
+void cache_warm_up(struct cache *cache, struct served *served);
+
+/** The memory that calls.make asked for.  Returns: 0, or -errno, after which it has failed. */
+int cache_add_segment(struct cache *cache, struct served *served, struct memfile *memfile,
+		      struct segment **ret);
+/**
+ * It cannot be had: for some seconds the budget shrinks to what is there, so that nobody asks all
+ * the time.
+ */
+void cache_segment_failed(struct cache *cache, struct served *served);
+
+/** Once a while: gives back segments that have been empty for idle_ns. */
+void cache_trim(struct cache *cache, uint64_t now_ns, uint64_t idle_ns);
+
+/** Bytes of BUSY, HELD and FREE nodes of all stores. */
+uint64_t cache_used_bytes(const struct cache *cache);
+
+/** Asserts that arena bytes are those of BUSY + HELD + FREE nodes and free space.  O(nodes). */
+void cache_check(const struct cache *cache);
+
+#endif /* DAEMON_CACHE_H */

@@ -1,0 +1,360 @@
+/* SPDX-License-Identifier: MIT */
+#include "daemon/fetch.h"
+
+#include <errno.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "daemon/fetch_backend.h"
+#include "daemon/limits.h"
+#include "formats/base/check.h"
+#include "formats/base/list.h"
+
+#define FETCH_REAP_MAX 64u
+#define NO_INDEX       UINT32_MAX
+
+/* A request that is not finished. */
+struct fetch_job {
+	struct fetch_request request;
+	struct list link; /* fetch.waiting while pieces are left to be read, else fetch.free_jobs */
+	uint32_t next_bytes; /* where the next piece begins */
+	uint32_t pieces_in_flight;
+	int error; /* the first one */
+	bool in_use;
+};
+
+/* A piece that is with the back end. */
+struct fetch_op {
+	uint32_t generation; /* +1 at each use: a late event cannot be taken for a new one */
+	uint32_t next_free;
+	uint32_t job;
+	uint32_t offset_bytes; /* in the request */
+	uint32_t bytes;        /* a multiple of blocks */
+	uint32_t wanted_bytes; /* less than bytes at the end of the extent */
+	uint32_t done_bytes;
+	uint32_t retry_count;
+	bool in_flight;
+};
+
+struct fetch {
+	struct fetch_backend *backend;
+	fetch_done_fn done;
+	void *done_arg;
+	struct why degraded;
+	uint32_t depth;
+	uint32_t in_flight;
+	uint32_t first_free; /* op */
+	struct list waiting;
+	struct list free_jobs;
+	int files[FETCH_FILE_COUNT_MAX]; /* -1: none */
+	bool buffers[FETCH_BUFFER_COUNT_MAX];
+	struct fetch_job jobs[FILL_COUNT_MAX];
+	struct fetch_op ops[];
+};
+
+static int backend_create(const struct fetch_config *config, struct why *degraded,
+			  struct fetch_backend **ret, struct why *why)
+{
+	int r;
+
+	switch (config->kind) {
+	case FETCH_AUTO:
+		r = fetch_uring_create(config->depth, ret, degraded);
+		return r < 0 ? fetch_pread_create(config->depth, ret, why) : r;
+	case FETCH_URING:
+		return fetch_uring_create(config->depth, ret, why);
+	case FETCH_PREAD:
+		return fetch_pread_create(config->depth, ret, why);
+	case FETCH_SIM:
+		return fetch_sim_create(config->depth, &config->sim, ret, why);
+	}
+	return why_set(why, -EINVAL, "no such back end");
+}
+
+int fetch_create(const struct fetch_config *config, struct fetch **ret, struct why *why)
+{
+	struct fetch *fetch;
+	int r;
+
+	CHECK(config->depth >= 1 && config->depth <= FETCH_DEPTH_MAX);
+	fetch = calloc(1, sizeof(*fetch) + config->depth * sizeof(struct fetch_op));
+	if (!fetch)
+		return why_errno(why, -ENOMEM, "fetch queue");
+	r = backend_create(config, &fetch->degraded, &fetch->backend, why);
+	if (r < 0) {
+		free(fetch);
+		return r;
+	}
+	if (config->kind != FETCH_AUTO || strcmp(fetch->backend->name, "uring") == 0)
+		fetch->degraded.text[0] = '\0';
+	fetch->done = config->done;
+	fetch->done_arg = config->done_arg;
+	fetch->depth = config->depth;
+	list_init(&fetch->waiting);
+	list_init(&fetch->free_jobs);
+	for (uint32_t i = 0; i < FILL_COUNT_MAX; i++)
+		list_push_back(&fetch->free_jobs, &fetch->jobs[i].link);
+	for (uint32_t i = 0; i < config->depth; i++)
+		fetch->ops[i].next_free = i + 1 < config->depth ? i + 1 : NO_INDEX;
+	for (uint32_t i = 0; i < FETCH_FILE_COUNT_MAX; i++)
+		fetch->files[i] = -1;
+	*ret = fetch;
+	return 0;
+}
+
+struct fetch *fetch_destroy(struct fetch *fetch)
+{
+	if (!fetch)
+		return NULL;
+	fetch->backend->calls->destroy(fetch->backend);
+	free(fetch);
+	return NULL;
+}
+
+const char *fetch_name(const struct fetch *fetch)
+{
+	return fetch->backend->name;
+}
+
+const char *fetch_degraded(const struct fetch *fetch)
+{
+	return fetch->degraded.text;
+}
+
+int fetch_add_file(struct fetch *fetch, int fd, uint32_t *ret_file)
+{
+	CHECK(fd >= 0);
+	for (uint32_t i = 0; i < FETCH_FILE_COUNT_MAX; i++) {
+		int r;
+
+		if (fetch->files[i] >= 0)
+			continue;
+		r = fetch->backend->calls->set_file(fetch->backend, i, fd);
+		if (r < 0)
+			return r;
+		fetch->files[i] = fd;
+		*ret_file = i;
+		return 0;
+	}
+	return -EMFILE;
+}
+
+void fetch_remove_file(struct fetch *fetch, uint32_t file)
+{
+	CHECK(file < FETCH_FILE_COUNT_MAX && fetch->files[file] >= 0);
+	(void)fetch->backend->calls->set_file(fetch->backend, file, -1);
+	fetch->files[file] = -1;
+}
+
+int fetch_add_buffer(struct fetch *fetch, void *base, uint64_t bytes, uint32_t *ret_buffer)
+{
+	if (!fetch->backend->calls->set_buffer)
+		return -EOPNOTSUPP;
+	for (uint32_t i = 0; i < FETCH_BUFFER_COUNT_MAX; i++) {
+		int r;
+
+		if (fetch->buffers[i])
+			continue;
+		r = fetch->backend->calls->set_buffer(fetch->backend, i, base, bytes);
+		if (r < 0)
+			return r;
+		fetch->buffers[i] = true;
+		*ret_buffer = i;
+		return 0;
+	}
+	return -EMFILE;
+}
+
+void fetch_remove_buffer(struct fetch *fetch, uint32_t buffer)
+{
+	if (buffer == FETCH_BUFFER_NONE)
+		return;
+	CHECK(buffer < FETCH_BUFFER_COUNT_MAX && fetch->buffers[buffer]);
+	(void)fetch->backend->calls->set_buffer(fetch->backend, buffer, NULL, 0);
+	fetch->buffers[buffer] = false;
+}
+
+/* Not a pointer: an index with a generation can be checked before it is followed. */
+static uint64_t op_tag(const struct fetch *fetch, const struct fetch_op *op)
+{
+	return (uint64_t)op->generation << 32 | (uint64_t)(op - fetch->ops);
+}
+
+static struct fetch_op *op_of_tag(struct fetch *fetch, uint64_t tag)
+{
+	uint32_t index = (uint32_t)tag;
+	struct fetch_op *op;
+
+	CHECK(index < fetch->depth);
+	op = &fetch->ops[index];
+	CHECK(op->in_flight);
+	CHECK(op->generation == (uint32_t)(tag >> 32));
+	return op;
+}
+
+/* Gives what is left of a piece to the back end. */
+static void op_submit(struct fetch *fetch, const struct fetch_op *op)
+{
+	const struct fetch_request *request = &fetch->jobs[op->job].request;
+	uint32_t offset_bytes = op->offset_bytes + op->done_bytes;
+	struct fetch_piece piece = {
+		.tag = op_tag(fetch, op),
+		.file = request->file,
+		.buffer = request->buffer,
+		.file_offset = request->file_offset + offset_bytes,
+		.bytes = op->bytes - op->done_bytes,
+		.destination = (uint8_t *)request->destination + offset_bytes,
+	};
+
+	fetch->backend->calls->submit(fetch->backend, &piece);
+}
+
+static void op_begin(struct fetch *fetch, struct fetch_job *job)
+{
+	uint32_t left_bytes = job->request.bytes - job->next_bytes;
+	struct fetch_op *op = &fetch->ops[fetch->first_free];
+
+	CHECK(fetch->first_free != NO_INDEX && !op->in_flight);
+	fetch->first_free = op->next_free;
+	op->generation++;
+	op->in_flight = true;
+	op->job = (uint32_t)(job - fetch->jobs);
+	op->offset_bytes = job->next_bytes;
+	op->wanted_bytes = (uint32_t)u64_min(left_bytes, FETCH_PIECE_BYTES);
+	op->bytes = (uint32_t)bytes_round_up(op->wanted_bytes, STORE_BLOCK_BYTES);
+	op->done_bytes = 0;
+	op->retry_count = 0;
+	job->next_bytes += op->wanted_bytes;
+	job->pieces_in_flight++;
+	fetch->in_flight++;
+	op_submit(fetch, op);
+}
+
+/* Keeps the queue full, in the order of the requests. */
+static void pieces_begin(struct fetch *fetch)
+{
+	while (fetch->in_flight < fetch->depth && !list_is_empty(&fetch->waiting)) {
+		struct fetch_job *job = LIST_ENTRY(fetch->waiting.next, struct fetch_job, link);
+
+		op_begin(fetch, job);
+		if (job->next_bytes == job->request.bytes)
+			list_remove(&job->link);
+	}
+}
+
+int fetch_start(struct fetch *fetch, const struct fetch_request *request)
+{
+	struct fetch_job *job;
+
+	CHECK(request->bytes > 0);
+	CHECK(request->file < FETCH_FILE_COUNT_MAX && fetch->files[request->file] >= 0);
+	CHECK(bytes_is_aligned(request->file_offset, STORE_BLOCK_BYTES));
+	CHECK(bytes_is_aligned((uintptr_t)request->destination, STORE_BLOCK_BYTES));
+	if (list_is_empty(&fetch->free_jobs))
+		return -EAGAIN;
+	job = LIST_ENTRY(fetch->free_jobs.next, struct fetch_job, link);
+	list_remove(&job->link);
+	CHECK(!job->in_use);
+	job->request = *request;
+	job->next_bytes = 0;
+	job->pieces_in_flight = 0;
+	job->error = 0;
+	job->in_use = true;
+	list_push_back(&fetch->waiting, &job->link);
+	pieces_begin(fetch);
+	return 0;
+}
+
+void fetch_flush(struct fetch *fetch)
+{
+	fetch->backend->calls->flush(fetch->backend);
+}
+
+int fetch_has_room(const struct fetch *fetch)
+{
+	return fetch->in_flight < fetch->depth && list_is_empty(&fetch->waiting) &&
+	       !list_is_empty(&fetch->free_jobs);
+}
+
+uint32_t fetch_in_flight(const struct fetch *fetch)
+{
+	return fetch->in_flight;
+}
+
+int fetch_fd(const struct fetch *fetch)
+{
+	return fetch->backend->calls->fd(fetch->backend);
+}
+
+/* The piece is over.  Op and job are free before the caller is told, who may start the next. */
+static void op_end(struct fetch *fetch, struct fetch_op *op, int error)
+{
+	struct fetch_job *job = &fetch->jobs[op->job];
+	uint64_t tag = job->request.tag;
+
+	op->in_flight = false;
+	op->next_free = fetch->first_free;
+	fetch->first_free = (uint32_t)(op - fetch->ops);
+	CHECK(fetch->in_flight > 0 && job->pieces_in_flight > 0);
+	fetch->in_flight--;
+	job->pieces_in_flight--;
+	if (error < 0 && job->error == 0) {
+		/* What was not begun need not be read. */
+		job->error = error;
+		list_remove(&job->link);
+		job->next_bytes = job->request.bytes;
+	}
+	if (job->pieces_in_flight > 0 || job->next_bytes < job->request.bytes)
+		return;
+	error = job->error;
+	job->in_use = false;
+	list_push_back(&fetch->free_jobs, &job->link);
+	fetch->done(fetch->done_arg, tag, error);
+}
+
+/*
+ * Three things are not errors, and make the rest of the piece be read again: EINTR and EAGAIN, which
+ * say that nothing was read, and a short read, which the kernel may give at any time.  Direct reads
+ * begin on blocks, so a short read counts only up to its last whole block.  Retries without progress
+ * are counted: a device that never gets anywhere ends in an error, not in a loop.  A read of 0 bytes
+ * is the end of the file: the store promised more.
+ */
+static void on_event(struct fetch *fetch, struct fetch_event event)
+{
+	struct fetch_op *op = op_of_tag(fetch, event.tag);
+	uint32_t done_bytes;
+
+	if (event.result < 0 && event.result != -EINTR && event.result != -EAGAIN) {
+		op_end(fetch, op, event.result);
+		return;
+	}
+	if (event.result == 0) {
+		op_end(fetch, op, -ENODATA);
+		return;
+	}
+	done_bytes = op->done_bytes + (event.result > 0 ? (uint32_t)event.result : 0);
+	CHECK(done_bytes <= op->bytes);
+	if (done_bytes >= op->wanted_bytes) {
+		op_end(fetch, op, 0);
+		return;
+	}
+	done_bytes &= ~(STORE_BLOCK_BYTES - 1);
+	op->retry_count = done_bytes > op->done_bytes ? 0 : op->retry_count + 1;
+	op->done_bytes = done_bytes;
+	if (op->retry_count > FETCH_RETRY_MAX)
+		op_end(fetch, op, -EIO);
+	else
+		op_submit(fetch, op);
+}
+
+void fetch_dispatch(struct fetch *fetch)
+{
+	struct fetch_event events[FETCH_REAP_MAX];
+	size_t count = fetch->backend->calls->reap(fetch->backend, events, FETCH_REAP_MAX);
+
+	for (size_t i = 0; i < count; i++)
+		on_event(fetch, events[i]);
+	pieces_begin(fetch);
+	fetch_flush(fetch);
+}

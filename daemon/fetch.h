@@ -1,0 +1,121 @@
+/* SPDX-License-Identifier: MIT */
+/**
+ * fetch.h - reads extents of files into memory, without blocking.
+ *
+ * A request is cut into pieces of at most FETCH_PIECE_BYTES, of which `depth` are in flight at one
+ * time; requests are served in the order given.  Short reads, EINTR and EAGAIN are not errors and
+ * are bounded.  It does not look at the bytes and does not know what they are for.
+ *
+ * Three back ends do the reading: io_uring, threads with pread(2) where io_uring is denied, and a
+ * simulated one for tests.
+ *
+ * Threads: loop thread.
+ * Memory: fetch_create() takes all of it.
+ */
+#ifndef DAEMON_FETCH_H
+#define DAEMON_FETCH_H
+
+#include <stdint.h>
+
+#include "formats/base/why.h"
+
+struct fetch;
+
+enum fetch_kind {
+	FETCH_AUTO, /* io_uring, else pread */
+	FETCH_URING,
+	FETCH_PREAD,
+	FETCH_SIM,
+};
+
+/** What the simulated back end does, in thousandths of the pieces, repeatably for a seed. */
+struct fetch_sim {
+	uint64_t seed;
+	uint32_t short_permille;
+	uint32_t interrupt_permille; /* EINTR */
+	uint32_t error_permille;     /* EIO */
+	uint32_t corrupt_permille;   /* one bit of what was read */
+	uint32_t delay_permille;     /* comes back in a later round */
+	uint32_t reorder;            /* 1: comes back in any order */
+};
+
+/** A request has ended.  error: 0, -EIO, -ENODATA (the file ends before), or another -errno. */
+typedef void (*fetch_done_fn)(void *arg, uint64_t tag, int error);
+
+struct fetch_config {
+	enum fetch_kind kind;
+	uint32_t depth; /* 1 .. FETCH_DEPTH_MAX */
+	fetch_done_fn done;
+	void *done_arg;
+	struct fetch_sim sim;
+};
+
+/**
+ * Returns: 0, or -errno with what to do about it where the back end asked for cannot be had.
+ */
+int fetch_create(const struct fetch_config *config, struct fetch **ret, struct why *why);
+
+/** Waits for what is in flight, for it writes to memory; nobody is told.  NULL is allowed. */
+struct fetch *fetch_destroy(struct fetch *fetch);
+
+/** "uring", "pread" or "sim". */
+const char *fetch_name(const struct fetch *fetch);
+
+/** Why FETCH_AUTO did not take io_uring, and what to do; "" where it did. */
+const char *fetch_degraded(const struct fetch *fetch);
+
+/**
+ * Makes a file known.  With O_DIRECT in its flags, requests go past the page cache.
+ *
+ * fd:  stays the caller's, and open until fetch_remove_file().
+ *
+ * Returns: 0, -EMFILE or -errno.
+ */
+int fetch_add_file(struct fetch *fetch, int fd, uint32_t *ret_file);
+/** No request may be in flight on it. */
+void fetch_remove_file(struct fetch *fetch, uint32_t file);
+
+#define FETCH_BUFFER_NONE UINT32_MAX
+
+/**
+ * Makes memory known, which spares the kernel to pin it at each read.  Not needed for reading.
+ *
+ * Returns: 0, -EMFILE, -EOPNOTSUPP (the back end has no use for it) or -errno (-ENOMEM: the limit
+ *	of locked memory).
+ */
+int fetch_add_buffer(struct fetch *fetch, void *base, uint64_t bytes, uint32_t *ret_buffer);
+/** No request may be in flight into it.  FETCH_BUFFER_NONE is allowed. */
+void fetch_remove_buffer(struct fetch *fetch, uint32_t buffer);
+
+struct fetch_request {
+	uint32_t file;
+	uint32_t buffer;      /* that destination lies in, or FETCH_BUFFER_NONE */
+	uint64_t file_offset; /* a multiple of STORE_BLOCK_BYTES */
+	uint32_t bytes;
+	void *destination; /* aligned like file_offset; room for bytes rounded up to blocks */
+	uint64_t tag;
+};
+
+/**
+ * Begins a read; it is answered by done, never from in here.
+ *
+ * Returns: 0, or -EAGAIN when FILL_COUNT_MAX requests are open.
+ */
+int fetch_start(struct fetch *fetch, const struct fetch_request *request);
+
+/** Hands what was started to the kernel: once a round of the loop. */
+void fetch_flush(struct fetch *fetch);
+
+/** Is there room in the queue, so that the next request would be read at once? */
+int fetch_has_room(const struct fetch *fetch);
+
+/** Pieces being read now. */
+uint32_t fetch_in_flight(const struct fetch *fetch);
+
+/** Readable when fetch_dispatch() has something to do. */
+int fetch_fd(const struct fetch *fetch);
+
+/** Handles what has come back; calls done. */
+void fetch_dispatch(struct fetch *fetch);
+
+#endif /* DAEMON_FETCH_H */

@@ -1,0 +1,60 @@
+/* SPDX-License-Identifier: MIT */
+/**
+ * limits.h - every limit of the daemon, in one place, and how they relate.
+ *
+ * Reaching a limit has a defined answer; nothing grows without bound.
+ */
+#ifndef DAEMON_LIMITS_H
+#define DAEMON_LIMITS_H
+
+#include <assert.h>
+
+#include "formats/base/bytes.h"
+#include "formats/store/layout.h"
+#include "libclient/wire.h"
+
+/** Clients at one time; the next one is told so and closed. */
+#define SESSION_COUNT_MAX 1024u
+/** Stores open at one time, idle ones included. */
+#define SERVED_COUNT_MAX 256u
+/** Segments of all stores together: entries of the ring's table of buffers. */
+#define SEGMENT_COUNT_MAX 4096u
+/** Seconds that a connection may take to say HELLO. */
+#define HELLO_SECONDS_MAX 5u
+/** Seconds that a client may leave unread what it is owed. */
+#define STALL_SECONDS_MAX 30u
+
+/** Sizes of segments: what is usual, and what small and huge caches use. */
+#define SEGMENT_BYTES_MIN   (64u * KIB)
+#define SEGMENT_BYTES_USUAL (64u * MIB)
+#define SEGMENT_BYTES_MAX   ((uint64_t)WIRE_SEGMENT_PAGES_MAX * WIRE_PAGE_BYTES)
+#define CACHE_BYTES_MIN     MIB
+#define CACHE_BYTES_MAX     ((uint64_t)SEGMENT_COUNT_MAX * SEGMENT_BYTES_MAX)
+
+/** Payloads being read or decoded at one time. */
+#define FILL_COUNT_MAX 256u
+/** A read is at most this long, so that what matters more overtakes quickly. */
+#define FETCH_PIECE_BYTES (256u * KIB)
+#define FETCH_DEPTH_USUAL 16u
+#define FETCH_DEPTH_MAX   256u
+/** Times that one piece may come back without progress. */
+#define FETCH_RETRY_MAX 8u
+/** Room for coded payloads on their way: twice the largest one at least. */
+#define STAGING_BYTES_MIN (16u * MIB)
+/** Prefetched bytes on their way: what a fetch may have to wait behind. */
+#define PREFETCH_FLIGHT_BYTES (1u * MIB)
+/** Of the cache, what one PREFETCH may fill: 1 / this. */
+#define PREFETCH_SHARE 4u
+/** Bytes of a client's turn when several wait for the disk. */
+#define TURN_BYTES (512u * KIB)
+
+#define WORKER_COUNT_MAX 64u
+#define WORKER_NICE      10
+
+static_assert(SEGMENT_BYTES_MAX >= 2 * STORE_PAYLOAD_BYTES_MAX, "a segment holds any payload");
+static_assert(SEGMENT_BYTES_MAX <= GIB, "a registered buffer has at most 1 GiB");
+static_assert(SEGMENT_COUNT_MAX <= WIRE_SEGMENT_COUNT_MAX, "a word can name every segment");
+static_assert(WIRE_PAGE_BYTES == STORE_BLOCK_BYTES, "extents are read straight into pages");
+static_assert(FETCH_PIECE_BYTES % STORE_BLOCK_BYTES == 0, "pieces begin on blocks");
+
+#endif /* DAEMON_LIMITS_H */

@@ -1,0 +1,115 @@
+/* SPDX-License-Identifier: MIT */
+/**
+ * served.h - a store that the daemon serves: its HS and directory in shared memory, its nodes'
+ * states, its arena.
+ *
+ * A store is identified by device and inode of the file whose descriptor was passed, never by its
+ * path.  Its HS is judged when it is opened and then sealed: all later code relies on every offset
+ * and count in it.  The file itself is only read, never mapped.
+ *
+ * served_open() blocks and belongs on a worker; the rest of the daemon sees a served store only when
+ * it is whole.  What changes in it is changed by cache.c, but for the counters.
+ */
+#ifndef DAEMON_SERVED_H
+#define DAEMON_SERVED_H
+
+#include <stdbool.h>
+#include <stdint.h>
+#include <sys/types.h>
+
+#include "daemon/arena.h"
+#include "daemon/memfile.h"
+#include "daemon/node.h"
+#include "formats/base/list.h"
+#include "formats/base/why.h"
+#include "formats/store/layout.h"
+#include "libclient/wire.h"
+
+#define SERVED_PATH_BYTES 1024u
+
+/** What has happened since the store was opened.  hits + misses are the nodes asked for. */
+struct served_counters {
+	uint64_t hits;   /* wanted by a set that had not wanted it, and there */
+	uint64_t misses; /* and not there */
+	uint64_t fetches;
+	uint64_t prefetches;
+	uint64_t evictions;
+	uint64_t read_bytes;
+	uint64_t errors; /* fills that failed */
+};
+
+struct served {
+	struct list link; /* cache.stores */
+	dev_t device;
+	ino_t inode;
+	char path[SERVED_PATH_BYTES]; /* for people */
+
+	struct memfile hs; /* a store_superblock, then the records; sealed */
+	const struct store_superblock *superblock;
+	const struct store_node *records;
+	uint32_t node_count;
+
+	struct memfile directory_file;
+	struct wire_directory *directory;
+	struct node *nodes; /* node_count */
+
+	struct arena arena;
+	struct list lru;       /* FREE nodes, the one unused for the longest first */
+	uint64_t pinned_pages; /* of BUSY and HELD nodes */
+	uint64_t held_pages;   /* of HELD ones */
+	uint64_t ready_count;  /* of HELD and FREE nodes */
+	bool segment_coming;   /* being made by a worker */
+
+	int fd;
+	bool direct;   /* O_DIRECT */
+	uint32_t file; /* of the fetch layer */
+	uint32_t attach_count;
+	bool keep;              /* named on the command line: never closed */
+	uint64_t idle_since_ns; /* attach_count is 0 since */
+	struct served_counters counters;
+};
+
+/**
+ * Which store a descriptor is of.
+ *
+ * Returns: 0, -EINVAL (not a regular file), -EACCES (not open for reading) or -errno.
+ */
+int served_identify(int fd, dev_t *ret_device, ino_t *ret_inode, struct why *why);
+
+/**
+ * Is the file still the generation that is served?  It may have been written anew in its place.
+ *
+ * Threads: any.  May block.
+ */
+bool served_is_current(int fd, const uint8_t uuid[16], uint64_t generation);
+
+/**
+ * Opens a store whose descriptor passed served_identify().
+ *
+ * fd:           taken over, whatever happens.
+ * cache_bytes:  the budget of all stores, which bounds the size of segments.
+ * epoch:        of this daemon.
+ *
+ * Returns: 0, -EUCLEAN, -EBADMSG, -ENODATA, -EINVAL, -EPROTONOSUPPORT (see store_open()), -ENOBUFS
+ *	(the cache cannot hold its largest payload), -ENOMEM or -errno.
+ * Threads: any.  May block.
+ */
+int served_open(int fd, const char *path, uint64_t cache_bytes, uint64_t epoch, struct served **ret,
+		struct why *why);
+
+/** Nothing of it may be in flight.  NULL is allowed.  Returns: NULL. */
+struct served *served_close(struct served *served);
+
+/** Has the node a payload? */
+static inline bool served_has_payload(const struct served *served, uint32_t index)
+{
+	return index < served->node_count && served->records[index].payload_id != 0;
+}
+
+/** Pages of the node's payload in the arena. */
+static inline uint32_t served_pages(const struct served *served, uint32_t index)
+{
+	return (served->records[index].payload_bytes + WIRE_PAGE_BYTES - 1) / WIRE_PAGE_BYTES;
+}
+
+#endif /* DAEMON_SERVED_H */

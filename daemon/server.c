@@ -1,0 +1,396 @@
+/* SPDX-License-Identifier: MIT */
+#include "daemon/server.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/epoll.h>
+#include <sys/socket.h>
+#include <time.h>
+
+#include "daemon/limits.h"
+#include "daemon/server_private.h"
+#include "formats/base/check.h"
+#include "formats/base/clock.h"
+#include "formats/base/file.h"
+#include "formats/base/log.h"
+
+/* How often times are looked at, and how exactly. */
+#define TICK_US          (250 * NS_PER_MS / NS_PER_US)
+#define TICK_ACCURACY_US (100 * NS_PER_MS / NS_PER_US)
+/* An empty segment that nobody has used for so long is given back. */
+#define SEGMENT_IDLE_NS (30 * NS_PER_S)
+
+/* ---- rounds ---- */
+
+void server_active(struct server *server)
+{
+	(void)sd_event_source_set_enabled(server->round_source, SD_EVENT_ONESHOT);
+}
+
+static int on_round(sd_event_source *source, void *arg)
+{
+	struct server *server = arg;
+	uint64_t used_bytes;
+
+	(void)source;
+	if (!server->stopping) {
+		LIST_FOR_EACH (link, &server->sessions)
+			session_retry(LIST_ENTRY(link, struct session, link));
+		queues_pump(&server->queues);
+	}
+	fetch_flush(server->fetch);
+	used_bytes = cache_used_bytes(&server->cache);
+	LIST_FOR_EACH (link, &server->sessions)
+		session_tell(LIST_ENTRY(link, struct session, link), used_bytes);
+	if (server->stopping && fills_count(server->fills) == 0 &&
+	    workers_job_count(server->workers) == 0)
+		(void)sd_event_exit(server->event, 0);
+	return 0;
+}
+
+static void stop(struct server *server)
+{
+	if (server->stopping)
+		return;
+	server->stopping = true;
+	(void)sd_event_source_set_enabled(server->listen_source, SD_EVENT_OFF);
+	LIST_FOR_EACH (link, &server->sessions)
+		session_freeze(LIST_ENTRY(link, struct session, link));
+	server_active(server);
+}
+
+static void tick_idle(struct server *server, uint64_t now_ns)
+{
+	if (server->session_count > 0)
+		server->idle_since_ns = 0;
+	else if (server->idle_since_ns == 0)
+		server->idle_since_ns = now_ns;
+	else if (server->config.idle_exit_s > 0 &&
+		 now_ns - server->idle_since_ns > server->config.idle_exit_s * NS_PER_S)
+		stop(server);
+}
+
+static int on_tick(sd_event_source *source, uint64_t now_us, void *arg)
+{
+	struct server *server = arg;
+	uint64_t now_ns = clock_now_ns();
+
+	LIST_FOR_EACH (link, &server->sessions)
+		session_tick(LIST_ENTRY(link, struct session, link), now_ns);
+	if (!server->stopping) {
+		server_close_idle(server, now_ns);
+		cache_trim(&server->cache, now_ns, SEGMENT_IDLE_NS);
+		tick_idle(server, now_ns);
+		/* It may have been switched off for want of descriptors. */
+		(void)sd_event_source_set_enabled(server->listen_source, SD_EVENT_ON);
+	}
+	server_active(server);
+	(void)sd_event_source_set_time(source, now_us + TICK_US);
+	return 0;
+}
+
+/* ---- clients ---- */
+
+static void call_open(void *arg, struct session *session, uint32_t slot, uint32_t ticket, int fd,
+		      const char *path)
+{
+	server_open(arg, session, slot, ticket, fd, path);
+}
+
+static char *call_status(void *arg)
+{
+	return server_status(arg);
+}
+
+static void call_active(void *arg)
+{
+	server_active(arg);
+}
+
+static void call_gone(void *arg, struct session *session)
+{
+	struct server *server = arg;
+
+	session_destroy(session);
+	server->session_count--;
+	/* What it held may be what others wait for. */
+	server_active(server);
+}
+
+static const struct session_calls session_calls = {
+	.open = call_open,
+	.status = call_status,
+	.active = call_active,
+	.gone = call_gone,
+};
+
+static void refuse_client(int fd)
+{
+	struct wire_error message = { .error = -EAGAIN, .version = WIRE_VERSION };
+
+	(void)why_set((struct why *)(void *)message.text, 0, "%u clients are connected already",
+		      SESSION_COUNT_MAX);
+	wire_header_init(&message.header, WIRE_ERROR, sizeof(message));
+	(void)wire_send(fd, &message, sizeof(message), NULL, 0);
+	(void)fd_close(fd);
+}
+
+/* One a round, so that a storm of connections does not starve those who are connected. */
+static int on_listen(sd_event_source *source, int listen_fd, uint32_t events, void *arg)
+{
+	struct server *server = arg;
+	struct session_config config = {
+		.calls = &session_calls,
+		.calls_arg = server,
+		.cache = &server->cache,
+		.queues = &server->queues,
+		.fills = server->fills,
+		.event = server->event,
+		.number = server->next_number,
+		.epoch = server->epoch,
+	};
+	struct session *session;
+	struct why why;
+	int fd = accept4(listen_fd, NULL, NULL, SOCK_CLOEXEC | SOCK_NONBLOCK);
+
+	(void)events;
+	if (fd < 0) {
+		/* The socket stays readable: without this the loop would spin. */
+		if (errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == ENOBUFS) {
+			log_warning("a client cannot be accepted: %s", strerror(errno));
+			(void)sd_event_source_set_enabled(source, SD_EVENT_OFF);
+		}
+		return 0;
+	}
+	if (server->session_count == SESSION_COUNT_MAX) {
+		refuse_client(fd);
+		return 0;
+	}
+	if (session_create(&config, fd, &session, &why) < 0) {
+		log_warning("a client cannot be served: %s", why.text);
+		return 0;
+	}
+	if (++server->next_number == 0)
+		server->next_number = 1;
+	list_push_back(&server->sessions, &session->link);
+	server->session_count++;
+	server->idle_since_ns = 0;
+	return 0;
+}
+
+/* ---- what has come back ---- */
+
+static int on_fetch(sd_event_source *source, int fd, uint32_t events, void *arg)
+{
+	struct server *server = arg;
+
+	(void)source;
+	(void)fd;
+	(void)events;
+	fetch_dispatch(server->fetch);
+	server_active(server);
+	return 0;
+}
+
+static int on_workers(sd_event_source *source, int fd, uint32_t events, void *arg)
+{
+	struct server *server = arg;
+
+	(void)source;
+	(void)fd;
+	(void)events;
+	workers_dispatch(server->workers);
+	server_active(server);
+	return 0;
+}
+
+static void on_fill_ended(void *arg, const struct fill_result *result)
+{
+	struct server *server = arg;
+
+	LIST_FOR_EACH (link, &server->sessions)
+		session_fill_ended(LIST_ENTRY(link, struct session, link), result);
+}
+
+static int on_signal(sd_event_source *source, const struct signalfd_siginfo *info, void *arg)
+{
+	(void)source;
+	(void)info;
+	stop(arg);
+	return 0;
+}
+
+/* ---- life ---- */
+
+static int create_parts(struct server *server, struct why *why)
+{
+	const struct server_config *config = &server->config;
+	const struct cache_calls cache_calls = {
+		.make = server_make_segment,
+		.gone = server_segment_gone,
+	};
+	struct fetch_config fetch_config = {
+		.kind = config->fetch_kind,
+		.depth = config->queue_depth,
+		.done = fills_read_done,
+		.sim = config->sim,
+	};
+	int r;
+
+	cache_init(&server->cache, config->cache_bytes, &cache_calls, server);
+	r = workers_create(config->worker_count, &server->workers, why);
+	if (r < 0)
+		return r;
+	r = fills_create(&server->cache, server->workers, on_fill_ended, server, &server->fills,
+			 why);
+	if (r < 0)
+		return r;
+	fetch_config.done_arg = server->fills;
+	r = fetch_create(&fetch_config, &server->fetch, why);
+	if (r < 0)
+		return r;
+	if (fetch_degraded(server->fetch)[0] != '\0')
+		log_warning("%s; reading with threads instead", fetch_degraded(server->fetch));
+	fills_set_fetch(server->fills, server->fetch);
+	queues_init(&server->queues, server->fills);
+	return 0;
+}
+
+static int add_sources(struct server *server)
+{
+	sd_event *event = server->event;
+	uint64_t now_us;
+	sigset_t signals;
+	int r;
+
+	(void)sigemptyset(&signals);
+	(void)sigaddset(&signals, SIGTERM);
+	(void)sigaddset(&signals, SIGINT);
+	if (sigprocmask(SIG_BLOCK, &signals, NULL) < 0)
+		return -errno;
+	r = sd_event_add_signal(event, NULL, SIGTERM, on_signal, server);
+	if (r >= 0)
+		r = sd_event_add_signal(event, NULL, SIGINT, on_signal, server);
+	if (r >= 0)
+		r = sd_event_add_defer(event, &server->round_source, on_round, server);
+	if (r >= 0)
+		r = sd_event_add_io(event, &server->listen_source, server->listener.fd, EPOLLIN,
+				    on_listen, server);
+	if (r >= 0)
+		r = sd_event_add_io(event, &server->fetch_source, fetch_fd(server->fetch), EPOLLIN,
+				    on_fetch, server);
+	if (r >= 0)
+		r = sd_event_add_io(event, &server->workers_source, workers_fd(server->workers),
+				    EPOLLIN, on_workers, server);
+	if (r >= 0)
+		r = sd_event_now(event, CLOCK_MONOTONIC, &now_us);
+	if (r >= 0)
+		r = sd_event_add_time(event, &server->tick_source, CLOCK_MONOTONIC,
+				      now_us + TICK_US, TICK_ACCURACY_US, on_tick, server);
+	if (r >= 0)
+		r = sd_event_source_set_enabled(server->tick_source, SD_EVENT_ON);
+	return r < 0 ? r : 0;
+}
+
+/* Not zero, and another one at each start: clients tell a restarted daemon by it. */
+static uint64_t make_epoch(void)
+{
+	struct timespec now;
+
+	(void)clock_gettime(CLOCK_REALTIME, &now);
+	return (uint64_t)now.tv_sec * NS_PER_S + (uint64_t)now.tv_nsec;
+}
+
+int server_create(const struct server_config *config, struct server **ret, struct why *why)
+{
+	struct server *server = calloc(1, sizeof(*server));
+	int r;
+
+	if (!server) {
+		(void)fd_close(config->socket_fd);
+		return why_errno(why, -ENOMEM, "the server");
+	}
+	server->config = *config;
+	server->listener = LISTENER_NONE;
+	server->epoch = make_epoch();
+	server->start_ns = clock_now_ns();
+	server->next_number = 1;
+	list_init(&server->sessions);
+	list_init(&server->cache.stores);
+	r = config->socket_path ? listener_open(config->socket_path, &server->listener, why)
+				: listener_adopt(config->socket_fd, &server->listener, why);
+	if (r < 0)
+		goto err_destroy;
+	r = sd_event_new(&server->event);
+	if (r < 0) {
+		(void)why_errno(why, r, "the event loop");
+		goto err_destroy;
+	}
+	r = create_parts(server, why);
+	if (r < 0)
+		goto err_destroy;
+	r = add_sources(server);
+	if (r < 0) {
+		(void)why_errno(why, r, "the event loop");
+		goto err_destroy;
+	}
+	*ret = server;
+	return 0;
+
+err_destroy:
+	server_destroy(server);
+	return r;
+}
+
+int server_run(struct server *server)
+{
+	return sd_event_loop(server->event);
+}
+
+/* Kernel and workers write to what is given back next: what they have begun is waited for. */
+static void drain(struct server *server)
+{
+	if (!server->fetch)
+		return;
+	server->stopping = true;
+	while (fills_count(server->fills) > 0 || workers_job_count(server->workers) > 0) {
+		struct pollfd fds[] = {
+			{ .fd = fetch_fd(server->fetch), .events = POLLIN },
+			{ .fd = workers_fd(server->workers), .events = POLLIN },
+		};
+
+		if (poll(fds, ARRAY_LENGTH(fds), -1) < 0)
+			continue;
+		if (fds[0].revents)
+			fetch_dispatch(server->fetch);
+		if (fds[1].revents)
+			workers_dispatch(server->workers);
+	}
+}
+
+struct server *server_destroy(struct server *server)
+{
+	if (!server)
+		return NULL;
+	drain(server);
+	LIST_FOR_EACH (link, &server->sessions) {
+		session_freeze(LIST_ENTRY(link, struct session, link));
+		session_destroy(LIST_ENTRY(link, struct session, link));
+	}
+	server->workers = workers_destroy(server->workers);
+	server->fetch = fetch_destroy(server->fetch);
+	server->fills = fills_destroy(server->fills);
+	server_close_stores(server);
+	(void)sd_event_source_disable_unref(server->listen_source);
+	(void)sd_event_source_disable_unref(server->fetch_source);
+	(void)sd_event_source_disable_unref(server->workers_source);
+	(void)sd_event_source_disable_unref(server->round_source);
+	(void)sd_event_source_disable_unref(server->tick_source);
+	(void)sd_event_unref(server->event);
+	listener_close(&server->listener);
+	free(server);
+	return NULL;
+}

@@ -1,0 +1,357 @@
+/* SPDX-License-Identifier: MIT */
+/* Opening and closing stores, making and losing segments: what workers do for the server. */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "daemon/limits.h"
+#include "daemon/server_private.h"
+#include "formats/base/check.h"
+#include "formats/base/clock.h"
+#include "formats/base/file.h"
+#include "formats/base/log.h"
+
+/* OPENs that may be with the workers at one time: each may load a whole HS. */
+#define OPENING_COUNT_MAX 64u
+
+static struct served *store_find(struct server *server, dev_t device, ino_t inode)
+{
+	/* From the newest: an older generation of the same file may still be in use. */
+	for (struct list *link = server->cache.stores.prev; link != &server->cache.stores;
+	     link = link->prev) {
+		struct served *served = LIST_ENTRY(link, struct served, link);
+
+		if (served->device == device && served->inode == inode)
+			return served;
+	}
+	return NULL;
+}
+
+static void store_close_served(struct server *server, struct served *served)
+{
+	cache_remove_store(&server->cache, served);
+	fetch_remove_file(server->fetch, served->file);
+	served_close(served);
+}
+
+static bool store_is_idle(const struct served *served)
+{
+	return served->attach_count == 0 && served->pinned_pages == 0 && !served->segment_coming &&
+	       !served->keep;
+}
+
+/* Room in the table of stores, if need be by closing the one that has been idle for the longest. */
+static int store_make_room(struct server *server, struct why *why)
+{
+	struct served *oldest = NULL;
+
+	if (server->cache.store_count < SERVED_COUNT_MAX)
+		return 0;
+	LIST_FOR_EACH (link, &server->cache.stores) {
+		struct served *served = LIST_ENTRY(link, struct served, link);
+
+		if (store_is_idle(served) &&
+		    (!oldest || served->idle_since_ns < oldest->idle_since_ns))
+			oldest = served;
+	}
+	if (!oldest)
+		return why_set(why, -EMFILE, "%u stores are in use: close one", SERVED_COUNT_MAX);
+	store_close_served(server, oldest);
+	return 0;
+}
+
+/* Makes an opened store known to cache and fetch layer.  On failure it is closed. */
+static int store_install(struct server *server, struct served *served, struct why *why)
+{
+	int r = store_make_room(server, why);
+
+	if (r == 0)
+		r = fills_prepare(server->fills, served, why);
+	if (r == 0) {
+		r = fetch_add_file(server->fetch, served->fd, &served->file);
+		if (r < 0)
+			why_errno(why, r, "the store's descriptor");
+	}
+	if (r < 0) {
+		served_close(served);
+		return r;
+	}
+	if (!served->direct)
+		log_warning(
+			"%s: its file system has no direct reads: they go through the page cache",
+			served->path);
+	cache_add_store(&server->cache, served);
+	cache_warm_up(&server->cache, served);
+	return 0;
+}
+
+int server_open_store(struct server *server, const char *path, struct why *why)
+{
+	struct served *served;
+	dev_t device;
+	ino_t inode;
+	int fd;
+	int r;
+
+	fd = open(path, O_RDONLY | O_CLOEXEC | O_NOCTTY | O_NONBLOCK);
+	if (fd < 0)
+		return why_errno(why, -errno, "%s", path);
+	r = served_identify(fd, &device, &inode, why);
+	if (r < 0) {
+		(void)fd_close(fd);
+		why_prefix(why, "%s", path);
+		return r;
+	}
+	/* The same store twice is once. */
+	if (store_find(server, device, inode)) {
+		(void)fd_close(fd);
+		return 0;
+	}
+	r = served_open(fd, path, server->config.cache_bytes, server->epoch, &served, why);
+	if (r == 0) {
+		served->keep = true;
+		r = store_install(server, served, why);
+	}
+	if (r < 0)
+		why_prefix(why, "%s", path);
+	return r;
+}
+
+/* ---- OPEN of a client ---- */
+
+struct open_job {
+	struct worker_job job;
+	struct server *server;
+	uint32_t session;
+	uint32_t slot;
+	uint32_t ticket;
+	int fd;
+	char path[SERVED_PATH_BYTES];
+	struct served *known;  /* attached to for as long as the job lasts; NULL: none */
+	struct served *opened; /* by run() */
+	bool current;          /* known is what the file is now */
+	uint8_t uuid[16];      /* of known */
+	uint64_t generation;
+	int error;
+	struct why why;
+};
+
+/* On a worker. */
+static void open_run(struct worker_job *job, struct codec_scratch *scratch)
+{
+	struct open_job *self = LIST_ENTRY(job, struct open_job, job);
+
+	(void)scratch;
+	if (self->known && served_is_current(self->fd, self->uuid, self->generation)) {
+		self->current = true;
+		self->fd = fd_close(self->fd);
+		return;
+	}
+	self->error = served_open(self->fd, self->path, self->server->config.cache_bytes,
+				  self->server->epoch, &self->opened, &self->why);
+	self->fd = -1;
+}
+
+/* The store that the job found: the one known, the one opened, or one opened by a job like it. */
+static struct served *open_result(struct open_job *self)
+{
+	struct served *twin;
+
+	if (self->current)
+		return self->known;
+	twin = store_find(self->server, self->opened->device, self->opened->inode);
+	if (twin && twin->superblock->generation == self->opened->superblock->generation &&
+	    memcmp(twin->superblock->uuid, self->opened->superblock->uuid,
+		   sizeof(twin->superblock->uuid)) == 0) {
+		served_close(self->opened);
+		return twin;
+	}
+	self->error = store_install(self->server, self->opened, &self->why);
+	return self->error < 0 ? NULL : self->opened;
+}
+
+static struct session *session_find(struct server *server, uint32_t number)
+{
+	LIST_FOR_EACH (link, &server->sessions) {
+		struct session *session = LIST_ENTRY(link, struct session, link);
+
+		if (session->number == number)
+			return session;
+	}
+	return NULL;
+}
+
+static void open_done(struct worker_job *job)
+{
+	struct open_job *self = LIST_ENTRY(job, struct open_job, job);
+	struct session *session = session_find(self->server, self->session);
+	struct served *served = NULL;
+
+	self->server->opening_count--;
+	if (self->error == 0)
+		served = open_result(self);
+	if (session && served)
+		session_opened(session, self->slot, self->ticket, served);
+	else if (session)
+		session_refuse(session, self->slot, self->ticket, self->error, &self->why);
+	if (self->known)
+		self->known->attach_count--;
+	server_active(self->server);
+	free(self);
+}
+
+void server_open(struct server *server, struct session *session, uint32_t slot, uint32_t ticket,
+		 int fd, const char *path)
+{
+	struct open_job *job = NULL;
+	struct why why;
+	dev_t device;
+	ino_t inode;
+	int r = served_identify(fd, &device, &inode, &why);
+
+	if (r == 0 && server->opening_count == OPENING_COUNT_MAX)
+		r = why_set(&why, -EAGAIN, "too many stores are being opened: try again");
+	if (r == 0) {
+		job = calloc(1, sizeof(*job));
+		if (!job)
+			r = why_errno(&why, -ENOMEM, "opening a store");
+	}
+	if (r < 0) {
+		(void)fd_close(fd);
+		session_refuse(session, slot, ticket, r, &why);
+		return;
+	}
+	job->job = (struct worker_job){ .run = open_run, .done = open_done };
+	list_init(&job->job.link);
+	job->server = server;
+	job->session = session->number;
+	job->slot = slot;
+	job->ticket = ticket;
+	job->fd = fd;
+	(void)snprintf(job->path, sizeof(job->path), "%s", path);
+	job->known = store_find(server, device, inode);
+	if (job->known) {
+		job->known->attach_count++;
+		memcpy(job->uuid, job->known->superblock->uuid, sizeof(job->uuid));
+		job->generation = job->known->superblock->generation;
+	}
+	server->opening_count++;
+	workers_add(server->workers, &job->job);
+}
+
+void server_close_idle(struct server *server, uint64_t now_ns)
+{
+	uint64_t idle_ns = server->config.idle_close_s * NS_PER_S;
+
+	LIST_FOR_EACH (link, &server->cache.stores) {
+		struct served *served = LIST_ENTRY(link, struct served, link);
+
+		if (served->attach_count > 0)
+			served->idle_since_ns = 0;
+		else if (served->idle_since_ns == 0)
+			served->idle_since_ns = now_ns;
+		else if (store_is_idle(served) && now_ns - served->idle_since_ns > idle_ns)
+			store_close_served(server, served);
+	}
+}
+
+void server_close_stores(struct server *server)
+{
+	/* Not evicted: clients that live on draw what is there. */
+	LIST_FOR_EACH (link, &server->cache.stores) {
+		list_remove(link);
+		served_close(LIST_ENTRY(link, struct served, link));
+	}
+}
+
+/* ---- segments ---- */
+
+struct segment_job {
+	struct worker_job job;
+	struct server *server;
+	struct served *served;
+	uint64_t bytes;
+	struct memfile memfile;
+	int error;
+	struct why why;
+};
+
+/* On a worker. */
+static void segment_run(struct worker_job *job, struct codec_scratch *scratch)
+{
+	struct segment_job *self = LIST_ENTRY(job, struct segment_job, job);
+
+	(void)scratch;
+	self->error = memfile_create("oocd-segment", self->bytes, true, &self->memfile, &self->why);
+	if (self->error == 0)
+		self->error = memfile_publish(&self->memfile, MEMFILE_CHANGING, &self->why);
+	if (self->error < 0)
+		memfile_done(&self->memfile);
+}
+
+/* Where the memory cannot be registered, plain reads do; the status says so. */
+static void segment_register(struct server *server, struct segment *segment)
+{
+	int r = fetch_add_buffer(server->fetch, segment->memfile.base, segment->memfile.bytes,
+				 &segment->buffer);
+
+	if (r == 0)
+		return;
+	segment->buffer = FETCH_BUFFER_NONE;
+	if (r != -EOPNOTSUPP)
+		server->buffer_error = r;
+}
+
+static void segment_done(struct worker_job *job)
+{
+	struct segment_job *self = LIST_ENTRY(job, struct segment_job, job);
+	struct server *server = self->server;
+	struct served *served = self->served;
+	struct segment *segment;
+
+	if (self->error < 0) {
+		log_error("%s; the cache stays as large as it is for now", self->why.text);
+		cache_segment_failed(&server->cache, served);
+	} else if (cache_add_segment(&server->cache, served, &self->memfile, &segment) < 0) {
+		log_error("no memory for a segment's table");
+		memfile_done(&self->memfile);
+	} else {
+		segment_register(server, segment);
+		LIST_FOR_EACH (link, &server->sessions)
+			session_tell_segment(LIST_ENTRY(link, struct session, link), served,
+					     segment);
+	}
+	server_active(server);
+	free(self);
+}
+
+void server_make_segment(void *arg, struct served *served)
+{
+	struct server *server = arg;
+	struct segment_job *self = calloc(1, sizeof(*self));
+
+	if (!self) {
+		cache_segment_failed(&server->cache, served);
+		return;
+	}
+	self->job = (struct worker_job){ .run = segment_run, .done = segment_done };
+	list_init(&self->job.link);
+	self->server = server;
+	self->served = served;
+	self->bytes = served->arena.segment_bytes;
+	self->memfile = MEMFILE_NONE;
+	workers_add(server->workers, &self->job);
+}
+
+void server_segment_gone(void *arg, struct served *served, struct segment *segment)
+{
+	struct server *server = arg;
+
+	/* First of all: reads into punched memory would succeed and be lost. */
+	fetch_remove_buffer(server->fetch, segment->buffer);
+	LIST_FOR_EACH (link, &server->sessions)
+		session_tell_segment_gone(LIST_ENTRY(link, struct session, link), served,
+					  segment->number);
+}

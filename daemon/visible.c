@@ -1,0 +1,680 @@
+/* SPDX-License-Identifier: MIT */
+#include "daemon/visible.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "formats/base/bytes.h"
+#include "formats/base/check.h"
+
+void visible_init(struct visible *visible, struct cache *cache, struct fills *fills,
+		  struct wire_session_page *page)
+{
+	*visible = (struct visible){ .cache = cache, .fills = fills, .page = page };
+}
+
+static struct served *served_of(const struct visible *visible, const struct want *want)
+{
+	return visible->attachments[want->slot]->served;
+}
+
+static struct node *node_of(const struct visible *visible, const struct want *want)
+{
+	return &served_of(visible, want)->nodes[want->node];
+}
+
+static uint32_t pages_of(const struct visible *visible, const struct want *want)
+{
+	return served_pages(served_of(visible, want), want->node);
+}
+
+/* ---- grants and holds ---- */
+
+/*
+ * Grants are relaxed: a client believes them only after it has read `acknowledged`, which is written
+ * with release after them (visible_take), or keeps believing what it has held all along.
+ */
+static void grant_set(struct visible *visible, const struct want *want, bool granted)
+{
+	struct wire_grants *grants = visible->attachments[want->slot]->grants;
+	uint64_t bit = UINT64_C(1) << (want->node % 64);
+	uint64_t word = atomic_load_explicit(&grants->words[want->node / 64], memory_order_relaxed);
+
+	if (visible->frozen)
+		return;
+	word = granted ? word | bit : word & ~bit;
+	atomic_store_explicit(&grants->words[want->node / 64], word, memory_order_relaxed);
+}
+
+static void hold(struct visible *visible, struct want *want)
+{
+	CHECK(!want->holding);
+	cache_hold(visible->cache, served_of(visible, want), want->node);
+	want->holding = true;
+	visible->held_count++;
+	visible->held_pages += pages_of(visible, want);
+	grant_set(visible, want, true);
+	if (node_of(visible, want)->state == NODE_BUSY)
+		fills_upgrade(visible->fills, served_of(visible, want), want->node);
+}
+
+static void release(struct visible *visible, struct want *want)
+{
+	CHECK(want->holding);
+	grant_set(visible, want, false);
+	/*
+	 * The cleared grant must be seen by whoever sees what is done to the place after this.
+	 * Pairs with the acquire loads of the directory's word and of `acknowledged` in
+	 * libclient/client_view.c.
+	 */
+	atomic_thread_fence(memory_order_release);
+	want->holding = false;
+	want->revoked_serial = 0;
+	visible->held_count--;
+	visible->held_pages -= pages_of(visible, want);
+	cache_release(visible->cache, served_of(visible, want), want->node);
+}
+
+/* ---- states ---- */
+
+static void set_state(struct visible *visible, struct want *want, enum want_state state)
+{
+	visible->counts[want->state]--;
+	visible->counts[state]++;
+	if (want->state != state)
+		visible->changed = true;
+	want->state = state;
+}
+
+/* A refusal that ends by itself when others let go. */
+static bool is_for_room(enum wire_reason reason)
+{
+	return reason == WIRE_REASON_FULL || reason == WIRE_REASON_NO_MEMORY;
+}
+
+static void untell(struct visible *visible, struct want *want)
+{
+	uint32_t index = (uint32_t)(want - visible->wants);
+
+	if (want->state == WANT_REFUSED && !want->told)
+		visible->untold_count--;
+	if (want->state == WANT_REFUSED && is_for_room(want->reason))
+		visible->full_count--;
+	want->told = false;
+	if (index < visible->next_untold)
+		visible->next_untold = index;
+}
+
+/* Back from a refusal, or for the first time. */
+static void unrefuse(struct visible *visible, struct want *want, enum want_state state)
+{
+	if (want->state == WANT_REFUSED)
+		untell(visible, want);
+	want->reason = WIRE_REASON_NONE;
+	set_state(visible, want, state);
+}
+
+static void refuse(struct visible *visible, struct want *want, enum wire_reason reason)
+{
+	if (want->state == WANT_REFUSED && want->reason == reason)
+		return;
+	untell(visible, want);
+	want->reason = reason;
+	set_state(visible, want, WANT_REFUSED);
+	visible->untold_count++;
+	visible->full_count += is_for_room(reason);
+}
+
+/* By what the node is now: the want has room, and no hold or one that stays. */
+static void admit_one(struct visible *visible, struct want *want)
+{
+	struct node *node = node_of(visible, want);
+
+	if (want->holding) {
+		if (want->revoked_serial > 0)
+			grant_set(visible, want, true);
+		want->revoked_serial = 0;
+	} else if (node->state != NODE_ABSENT) {
+		hold(visible, want);
+	}
+	if (node->state == NODE_ABSENT) {
+		uint32_t index = (uint32_t)(want - visible->wants);
+
+		unrefuse(visible, want, WANT_QUEUED);
+		if (index < visible->next_queued)
+			visible->next_queued = index;
+	} else {
+		unrefuse(visible, want, node->state == NODE_BUSY ? WANT_WAITING : WANT_DRAWABLE);
+	}
+}
+
+static void revoke(struct visible *visible, struct want *want)
+{
+	if (want->revoked_serial > 0)
+		return;
+	grant_set(visible, want, false);
+	want->revoked_serial = visible->serial;
+}
+
+/* Pages that only this session keeps from being evicted, or would. */
+static uint32_t cost_of(const struct visible *visible, const struct want *want)
+{
+	uint32_t own_holds = want->holding ? 1 : 0;
+
+	return node_of(visible, want)->hold_count == own_holds ? pages_of(visible, want) : 0;
+}
+
+/*
+ * Walks the set from its most important node and gives each a state.  Hits are held and granted
+ * here, at once; misses wait for the disk: that is how hits overtake misses.
+ */
+static void admit(struct visible *visible)
+{
+	const struct cache *cache = visible->cache;
+	uint64_t pinned_pages = cache->pinned_bytes / WIRE_PAGE_BYTES;
+	uint64_t room_pages = cache->budget_bytes / WIRE_PAGE_BYTES;
+	uint64_t own_pages = 0;
+	uint64_t sum_pages = 0;
+	uint64_t need_pages = 0;
+
+	for (uint32_t i = 0; i < visible->total; i++) {
+		const struct want *want = &visible->wants[i];
+
+		if (want->holding)
+			own_pages += cost_of(visible, want);
+		if (want->holding && want->state == WANT_RETAINED)
+			sum_pages += cost_of(visible, want);
+	}
+	CHECK(own_pages <= pinned_pages);
+	room_pages -= u64_min(room_pages, pinned_pages - own_pages);
+
+	for (uint32_t i = 0; i < visible->count; i++) {
+		struct want *want = &visible->wants[i];
+		uint32_t cost_pages = cost_of(visible, want);
+
+		if (node_of(visible, want)->state == NODE_DAMAGED) {
+			refuse(visible, want, WIRE_REASON_DAMAGED);
+			continue;
+		}
+		/* A device that has failed is asked again when the node was not wanted for a set. */
+		if (want->state == WANT_REFUSED && !is_for_room(want->reason))
+			continue;
+		if (need_pages == 0 && sum_pages + cost_pages <= room_pages) {
+			sum_pages += cost_pages;
+			admit_one(visible, want);
+		} else if (cost_pages == 0) {
+			admit_one(visible, want);
+		} else {
+			if (want->holding)
+				revoke(visible, want);
+			refuse(visible, want, WIRE_REASON_FULL);
+			if (need_pages == 0)
+				need_pages = cost_pages;
+		}
+	}
+	visible->retry_at_bytes = cache->released_bytes + u64_max(need_pages, 1) * WIRE_PAGE_BYTES;
+}
+
+/* ---- stores ---- */
+
+int visible_attach(struct visible *visible, uint32_t slot, struct served *served, uint64_t epoch,
+		   struct why *why)
+{
+	struct attachment *attachment;
+	uint64_t grants_bytes = sizeof(struct wire_grants) +
+				((uint64_t)served->node_count + 63) / 64 * sizeof(uint64_t);
+	int r;
+
+	CHECK(slot < WIRE_STORE_COUNT_MAX && !visible->attachments[slot]);
+	attachment = calloc(1, sizeof(*attachment));
+	if (!attachment)
+		return why_errno(why, -ENOMEM, "opening a store for a client");
+	r = memfile_create("oocd-grants", grants_bytes, false, &attachment->grants_file, why);
+	if (r < 0)
+		goto err_free;
+	attachment->grants = attachment->grants_file.base;
+	atomic_init(&attachment->grants->epoch, epoch);
+	attachment->grants->node_count = served->node_count;
+	r = memfile_publish(&attachment->grants_file, MEMFILE_CHANGING, why);
+	if (r < 0)
+		goto err_memfile;
+	attachment->want_of_node = calloc(served->node_count, sizeof(uint32_t));
+	if (!attachment->want_of_node) {
+		r = why_errno(why, -ENOMEM, "opening a store for a client");
+		goto err_memfile;
+	}
+	attachment->served = served;
+	served->attach_count++;
+	visible->attachments[slot] = attachment;
+	visible->attached |= UINT64_C(1) << slot;
+	return 0;
+
+err_memfile:
+	memfile_done(&attachment->grants_file);
+err_free:
+	free(attachment);
+	return r;
+}
+
+/* Recounts what the arrays say, after wants have gone from anywhere in them. */
+static void recount(struct visible *visible)
+{
+	memset(visible->counts, 0, sizeof(visible->counts));
+	visible->untold_count = 0;
+	visible->full_count = 0;
+	visible->next_queued = 0;
+	visible->next_untold = 0;
+	for (uint32_t i = 0; i < visible->total; i++) {
+		const struct want *want = &visible->wants[i];
+
+		visible->attachments[want->slot]->want_of_node[want->node] = i + 1;
+		visible->counts[want->state]++;
+		if (want->state != WANT_REFUSED)
+			continue;
+		visible->untold_count += !want->told;
+		visible->full_count += is_for_room(want->reason);
+	}
+}
+
+void visible_detach(struct visible *visible, uint32_t slot)
+{
+	struct attachment *attachment = visible->attachments[slot];
+	uint32_t total = 0;
+	uint32_t count = 0;
+
+	/* Before any hold goes: a client that is thrown out may be about to draw. */
+	if (!visible->frozen)
+		atomic_store_explicit(&attachment->grants->epoch, 0, memory_order_release);
+	for (uint32_t i = 0; i < visible->total; i++) {
+		struct want *want = &visible->wants[i];
+
+		if (want->slot == slot) {
+			if (want->holding)
+				release(visible, want);
+			continue;
+		}
+		count += i < visible->count;
+		visible->wants[total++] = *want;
+	}
+	visible->total = total;
+	visible->count = count;
+	recount(visible);
+	visible->changed = true;
+	visible->attachments[slot] = NULL;
+	visible->attached &= ~(UINT64_C(1) << slot);
+	attachment->served->attach_count--;
+	memfile_done(&attachment->grants_file);
+	free(attachment->want_of_node);
+	free(attachment);
+}
+
+void visible_done(struct visible *visible)
+{
+	for (uint32_t slot = 0; slot < WIRE_STORE_COUNT_MAX; slot++)
+		if (visible->attachments[slot])
+			visible_detach(visible, slot);
+	CHECK(visible->held_count == 0 && visible->held_pages == 0);
+	free(visible->wants);
+	free(visible->spare);
+	visible->wants = NULL;
+	visible->spare = NULL;
+}
+
+/* ---- a new set ---- */
+
+static bool entry_is_valid(const struct visible *visible, const struct wire_entry *entry)
+{
+	return entry->store < WIRE_STORE_COUNT_MAX && visible->attachments[entry->store] &&
+	       served_has_payload(visible->attachments[entry->store]->served, entry->node);
+}
+
+static int reserve_spare(struct visible *visible, uint32_t count)
+{
+	struct want *spare;
+
+	if (count <= visible->spare_capacity)
+		return 0;
+	/* Some more, so that a set that grows a little every frame does not allocate every frame. */
+	count += count / 2;
+	spare = realloc(visible->spare, count * sizeof(*spare));
+	if (!spare)
+		return -ENOMEM;
+	visible->spare = spare;
+	visible->spare_capacity = count;
+	return 0;
+}
+
+static bool is_node(const struct want *want, const struct wire_entry *entry)
+{
+	return want->slot == entry->store && want->node == entry->node;
+}
+
+/* A want of the new set: what the old one knew about the node, or what the cache says. */
+static struct want make_want(struct visible *visible, const struct wire_entry *entry,
+			     struct want *before, uint64_t serial, bool retire)
+{
+	struct served *served = visible->attachments[entry->store]->served;
+	struct want want = {
+		.serial = serial,
+		.slot = entry->store,
+		.node = entry->node,
+		.state = WANT_QUEUED,
+	};
+
+	if (!before) {
+		if (node_is_ready(&served->nodes[entry->node]))
+			served->counters.hits++;
+		else
+			served->counters.misses++;
+		return want;
+	}
+	if (before->revoked_serial > 0 && retire)
+		release(visible, before);
+	want.holding = before->holding;
+	want.revoked_serial = before->revoked_serial;
+	if (before->state == WANT_REFUSED) {
+		want.state = WANT_REFUSED;
+		want.reason = before->reason;
+	}
+	/* Its hold is the new want's from here on. */
+	before->holding = false;
+	return want;
+}
+
+/*
+ * want_of_node leads to a node's place in the old array, or in the new one once it is there.  The
+ * new one is looked at first: where it has the node at that place, it is a second mention.
+ */
+static uint32_t make_wants(struct visible *visible, const struct wire_entry *entries,
+			   uint32_t entry_count, uint64_t serial, bool retire)
+{
+	struct want *next = visible->spare;
+	uint32_t count = 0;
+
+	for (uint32_t i = 0; i < entry_count; i++) {
+		const struct wire_entry *entry = &entries[i];
+		uint32_t *want_of_node =
+			&visible->attachments[entry->store]->want_of_node[entry->node];
+		uint32_t at = *want_of_node - 1;
+		struct want *before = NULL;
+
+		if (*want_of_node > 0 && at < count && is_node(&next[at], entry))
+			continue;
+		if (*want_of_node > 0)
+			before = &visible->wants[at];
+		next[count] = make_want(visible, entry, before, serial, retire);
+		if (before)
+			before->serial = serial;
+		*want_of_node = ++count;
+	}
+	return count;
+}
+
+/* What the new set has not: given back, or kept behind the set for as long as it may be drawn. */
+static uint32_t keep_retained(struct visible *visible, uint32_t total, uint64_t serial, bool retire)
+{
+	struct want *next = visible->spare;
+
+	for (uint32_t i = 0; i < visible->total; i++) {
+		struct want *old = &visible->wants[i];
+
+		if (old->serial == serial)
+			continue;
+		visible->attachments[old->slot]->want_of_node[old->node] = 0;
+		if (!old->holding)
+			continue;
+		if (retire) {
+			release(visible, old);
+			continue;
+		}
+		next[total] = *old;
+		next[total].state = WANT_RETAINED;
+		total++;
+	}
+	return total;
+}
+
+int visible_take(struct visible *visible, const struct wire_entry *entries, uint32_t entry_count,
+		 uint64_t serial, bool retire)
+{
+	struct want *wants = visible->wants;
+	uint32_t capacity = visible->capacity;
+
+	CHECK(serial > visible->serial);
+	for (uint32_t i = 0; i < entry_count; i++)
+		if (!entry_is_valid(visible, &entries[i]))
+			return -EPROTO;
+	if (reserve_spare(visible, entry_count + visible->total) < 0)
+		return -ENOMEM;
+	visible->count = make_wants(visible, entries, entry_count, serial, retire);
+	visible->total = keep_retained(visible, visible->count, serial, retire);
+
+	visible->wants = visible->spare;
+	visible->capacity = visible->spare_capacity;
+	visible->spare = wants;
+	visible->spare_capacity = capacity;
+	visible->serial = serial;
+	visible->full_pages = 0;
+	recount(visible);
+	admit(visible);
+	visible->changed = true;
+	/*
+	 * Pairs with the acquire load of `acknowledged` in libclient/client_view.c: whoever reads the
+	 * serial reads the grants as they are now, or newer.
+	 */
+	atomic_store_explicit(&visible->page->acknowledged, serial, memory_order_release);
+	return 0;
+}
+
+/* ---- what happens to a set ---- */
+
+/* Takes a want without hold out of what is retained; the last one takes its place. */
+static void retained_remove(struct visible *visible, uint32_t index)
+{
+	struct want *want = &visible->wants[index];
+	const struct want *last = &visible->wants[visible->total - 1];
+
+	CHECK(want->state == WANT_RETAINED && !want->holding);
+	visible->attachments[want->slot]->want_of_node[want->node] = 0;
+	if (want != last) {
+		*want = *last;
+		visible->attachments[want->slot]->want_of_node[want->node] = index + 1;
+	}
+	visible->total--;
+	visible->counts[WANT_RETAINED]--;
+}
+
+void visible_retire(struct visible *visible, uint64_t serial)
+{
+	serial = u64_min(serial, visible->serial);
+	for (uint32_t i = visible->total; i-- > 0;) {
+		struct want *want = &visible->wants[i];
+		bool revoked = want->revoked_serial > 0 && want->revoked_serial < serial;
+		bool retained = want->state == WANT_RETAINED;
+
+		if (!revoked && !(retained && want->serial < serial))
+			continue;
+		release(visible, want);
+		if (retained)
+			retained_remove(visible, i);
+	}
+}
+
+void visible_retry(struct visible *visible)
+{
+	if (visible->full_count > 0 && visible->cache->released_bytes >= visible->retry_at_bytes)
+		admit(visible);
+}
+
+bool visible_next(struct visible *visible, struct queue_want *ret)
+{
+	const struct cache *cache = visible->cache;
+
+	for (; visible->next_queued < visible->count; visible->next_queued++) {
+		struct want *want = &visible->wants[visible->next_queued];
+		enum node_state state = node_of(visible, want)->state;
+
+		if (want->state != WANT_QUEUED)
+			continue;
+		if (state == NODE_DAMAGED) {
+			refuse(visible, want, WIRE_REASON_DAMAGED);
+			continue;
+		}
+		if (state != NODE_ABSENT) {
+			admit_one(visible, want);
+			continue;
+		}
+		/* Nothing was let go since a place for as much was not to be found. */
+		if (visible->full_pages > 0 && cache->released_bytes == visible->full_at_bytes &&
+		    pages_of(visible, want) >= visible->full_pages) {
+			refuse(visible, want, WIRE_REASON_FULL);
+			continue;
+		}
+		*ret = (struct queue_want){ served_of(visible, want), want->node };
+		return true;
+	}
+	return false;
+}
+
+void visible_begun(struct visible *visible, const struct queue_want *asked, int error)
+{
+	struct want *want = &visible->wants[visible->next_queued];
+	const struct cache *cache = visible->cache;
+
+	CHECK(want->state == WANT_QUEUED);
+	CHECK(served_of(visible, want) == asked->served && want->node == asked->index);
+	if (error == 0) {
+		admit_one(visible, want);
+		return;
+	}
+	visible->full_pages = pages_of(visible, want);
+	visible->full_at_bytes = cache->released_bytes;
+	visible->retry_at_bytes = cache->released_bytes + visible->full_pages * WIRE_PAGE_BYTES;
+	refuse(visible, want, cache->short_since_ns > 0 ? WIRE_REASON_NO_MEMORY : WIRE_REASON_FULL);
+}
+
+static void want_fill_ended(struct visible *visible, struct want *want, enum wire_reason reason)
+{
+	bool waits = want->state == WANT_WAITING || want->state == WANT_QUEUED;
+
+	if (reason == WIRE_REASON_NONE) {
+		if (waits)
+			admit_one(visible, want);
+		return;
+	}
+	if (want->holding)
+		release(visible, want);
+	if (waits)
+		refuse(visible, want, reason);
+	if (want->state == WANT_RETAINED)
+		retained_remove(visible, (uint32_t)(want - visible->wants));
+}
+
+void visible_fill_ended(struct visible *visible, const struct fill_result *result)
+{
+	for (uint64_t slots = visible->attached; slots != 0; slots &= slots - 1) {
+		uint32_t slot = (uint32_t)__builtin_ctzll(slots);
+		const struct attachment *attachment = visible->attachments[slot];
+
+		if (attachment->served == result->served &&
+		    attachment->want_of_node[result->index] > 0)
+			want_fill_ended(
+				visible,
+				&visible->wants[attachment->want_of_node[result->index] - 1],
+				result->reason);
+	}
+}
+
+uint32_t visible_take_refusals(struct visible *visible, struct wire_refusal *ret,
+			       uint32_t count_max)
+{
+	uint32_t count = 0;
+
+	for (; visible->untold_count > 0 && count < count_max; visible->next_untold++) {
+		struct want *want = &visible->wants[visible->next_untold];
+
+		CHECK(visible->next_untold < visible->count);
+		if (want->state != WANT_REFUSED || want->told)
+			continue;
+		want->told = true;
+		visible->untold_count--;
+		ret[count++] = (struct wire_refusal){ want->slot, want->node, want->reason };
+	}
+	return count;
+}
+
+void visible_settle(struct visible *visible)
+{
+	struct wire_session_page *page = visible->page;
+
+	if (visible_missing_count(visible) > 0 || visible->untold_count > 0)
+		return;
+	if (atomic_load_explicit(&page->settled, memory_order_relaxed) < visible->serial) {
+		/* After the directory's words and the grants that make it true, as `acknowledged`. */
+		atomic_store_explicit(&page->settled, visible->serial, memory_order_release);
+		visible->changed = true;
+	}
+	if (visible->counts[WANT_REFUSED] == 0 &&
+	    atomic_load_explicit(&page->complete, memory_order_relaxed) < visible->serial) {
+		atomic_store_explicit(&page->complete, visible->serial, memory_order_release);
+		visible->changed = true;
+	}
+}
+
+static void want_check(const struct visible *visible, uint32_t index)
+{
+	const struct want *want = &visible->wants[index];
+	const struct wire_grants *grants = visible->attachments[want->slot]->grants;
+	enum node_state state = node_of(visible, want)->state;
+	uint64_t word = atomic_load_explicit(&grants->words[want->node / 64], memory_order_relaxed);
+	bool granted = word >> (want->node % 64) & 1;
+
+	CHECK(visible->attachments[want->slot]->want_of_node[want->node] == index + 1);
+	CHECK((want->state == WANT_RETAINED) == (index >= visible->count));
+	CHECK(granted == (want->holding && want->revoked_serial == 0));
+	switch (want->state) {
+	case WANT_QUEUED:
+		CHECK(!want->holding && index >= visible->next_queued);
+		break;
+	case WANT_WAITING:
+		CHECK(granted && state == NODE_BUSY);
+		break;
+	case WANT_DRAWABLE:
+		CHECK(granted && state == NODE_HELD);
+		break;
+	case WANT_REFUSED:
+		CHECK(!granted && want->reason != WIRE_REASON_NONE);
+		break;
+	case WANT_RETAINED:
+		CHECK(want->holding);
+		break;
+	case WANT_STATE_COUNT_:
+		CHECK(false);
+		break;
+	}
+}
+
+void visible_check(const struct visible *visible)
+{
+	uint32_t counts[WANT_STATE_COUNT_] = { 0 };
+	uint32_t held_count = 0;
+	uint64_t held_pages = 0;
+	uint32_t untold_count = 0;
+	uint32_t full_count = 0;
+
+	for (uint32_t i = 0; i < visible->total; i++) {
+		const struct want *want = &visible->wants[i];
+		bool refused = want->state == WANT_REFUSED;
+
+		want_check(visible, i);
+		counts[want->state]++;
+		held_count += want->holding;
+		held_pages += want->holding ? pages_of(visible, want) : 0;
+		untold_count += refused && !want->told;
+		full_count += refused && is_for_room(want->reason);
+	}
+	CHECK(memcmp(counts, visible->counts, sizeof(counts)) == 0);
+	CHECK(held_count == visible->held_count && held_pages == visible->held_pages);
+	CHECK(untold_count == visible->untold_count && full_count == visible->full_count);
+}

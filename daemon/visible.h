@@ -1,0 +1,165 @@
+/* SPDX-License-Identifier: MIT */
+/**
+ * visible.h - the visible set of one session: what it wants, holds, waits for and was refused.
+ *
+ * A set replaces the set before it.  Its wants are in the client's order, most important first:
+ *
+ *	QUEUED     absent; a fetch will be begun when its turn comes.  No hold.
+ *	WAITING    the node is BUSY.  Hold and grant.
+ *	DRAWABLE   the node is HELD.  Hold and grant.
+ *	REFUSED    "not now", with a reason.  No grant, and no hold unless it is revoked (below).
+ *	RETAINED   an older set had it and the newest one has not, but the client may still draw it.
+ *	           Hold and grant, until it is retired.
+ *
+ *	from                to         when
+ *	(new)               any but RETAINED   visible_take: by the node's state and the room
+ *	QUEUED              WAITING    its fill is begun, by whomever
+ *	QUEUED, WAITING     DRAWABLE   the fill has ended well
+ *	QUEUED, WAITING     REFUSED    the fill has failed, or there is no room
+ *	DRAWABLE, WAITING   REFUSED    revoked: something more important needs the room
+ *	REFUSED             QUEUED..   room has appeared, or a new set
+ *	any with a hold     RETAINED   a new set has it not
+ *	RETAINED            (gone)     retired
+ *
+ * Room: what the session may hold is the cache without what others hold.  The set is walked from
+ * its most important node; what no longer fits is refused, and a hold on it is *revoked*: its grant
+ * bit is cleared at once, the hold itself is given up when the client has retired the sets before
+ * the next one, for until then it may be drawing the node.
+ *
+ * Order towards clients (all of it is in daemon/README.md): a grant is cleared before its hold is
+ * given up, and `acknowledged` is written after all grants of the set are right.
+ *
+ * Threads: loop thread.
+ */
+#ifndef DAEMON_VISIBLE_H
+#define DAEMON_VISIBLE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "daemon/cache.h"
+#include "daemon/queues.h"
+#include "libclient/wire.h"
+
+/** A session's view of a store. */
+struct attachment {
+	struct served *served;
+	struct memfile grants_file;
+	struct wire_grants *grants;
+	uint32_t *want_of_node; /* node_count: 0, or 1 + index of the want */
+};
+
+enum want_state {
+	WANT_QUEUED,
+	WANT_WAITING,
+	WANT_DRAWABLE,
+	WANT_REFUSED,
+	WANT_RETAINED,
+	WANT_STATE_COUNT_
+};
+
+struct want {
+	uint64_t serial;         /* newest set that has it */
+	uint64_t revoked_serial; /* 0, or the set at which its grant was cleared */
+	uint32_t slot;           /* of the store */
+	uint32_t node;
+	enum want_state state;
+	enum wire_reason reason; /* while REFUSED */
+	bool holding;
+	bool told; /* of the refusal, for this serial */
+};
+
+struct visible {
+	struct cache *cache;
+	struct fills *fills;
+	struct wire_session_page *page;
+	struct attachment *attachments[WIRE_STORE_COUNT_MAX];
+	uint64_t attached; /* bit: slot */
+
+	struct want *wants; /* the set in its order, then what is retained */
+	struct want *spare; /* the next set is made here */
+	uint32_t capacity;
+	uint32_t spare_capacity;
+	uint32_t count; /* of the set */
+	uint32_t total; /* with what is retained */
+
+	uint64_t serial; /* of the set; 0: there was none */
+	uint32_t counts[WANT_STATE_COUNT_];
+	uint32_t untold_count;
+	uint32_t next_queued; /* no QUEUED want lies before it */
+	uint32_t next_untold; /* no untold one */
+	/* Refused for room: tried again when the cache has released so much. */
+	uint64_t retry_at_bytes;
+	uint32_t full_count;
+	/* No place for so many pages was found when the cache had released so much. */
+	uint32_t full_pages;
+	uint64_t full_at_bytes;
+
+	uint32_t held_count; /* holds */
+	uint64_t held_pages;
+	bool changed; /* something that an EVENT tells has happened */
+	bool frozen;  /* the daemon ends: what clients see stays as it is */
+};
+
+/** page: of the session; all outlive it. */
+void visible_init(struct visible *visible, struct cache *cache, struct fills *fills,
+		  struct wire_session_page *page);
+/** Gives everything back. */
+void visible_done(struct visible *visible);
+
+/**
+ * Opens a store for the session.
+ *
+ * Returns: 0, -ENOMEM or -errno.
+ */
+int visible_attach(struct visible *visible, uint32_t slot, struct served *served, uint64_t epoch,
+		   struct why *why);
+/** Gives all of it back, and all that was wanted of it. */
+void visible_detach(struct visible *visible, uint32_t slot);
+
+/**
+ * Takes a set over and acknowledges it.
+ *
+ * entries:  of attached stores, nodes with payload, in descending importance; the second mention
+ *           of a node counts as none.
+ * serial:   above that of the set before.
+ * retire:   older sets are no longer drawn.
+ *
+ * Returns: 0, -EPROTO (a node that is none) or -ENOMEM; then the set before stays.
+ */
+int visible_take(struct visible *visible, const struct wire_entry *entries, uint32_t entry_count,
+		 uint64_t serial, bool retire);
+
+/** Sets before `serial` are no longer drawn. */
+void visible_retire(struct visible *visible, uint64_t serial);
+
+/** Admits again what was refused for room, if enough of it has appeared. */
+void visible_retry(struct visible *visible);
+
+/** For queues.h. */
+bool visible_next(struct visible *visible, struct queue_want *ret);
+void visible_begun(struct visible *visible, const struct queue_want *want, int error);
+
+/** A fill has ended (see fills_ended_fn for when). */
+void visible_fill_ended(struct visible *visible, const struct fill_result *result);
+
+/**
+ * Refusals of the set that the client has not been told of, most important first; they count as told.
+ *
+ * Returns: how many there are in ret.
+ */
+uint32_t visible_take_refusals(struct visible *visible, struct wire_refusal *ret,
+			       uint32_t count_max);
+
+/** Writes `settled` and `complete` when it is so. */
+void visible_settle(struct visible *visible);
+
+static inline uint32_t visible_missing_count(const struct visible *visible)
+{
+	return visible->counts[WANT_QUEUED] + visible->counts[WANT_WAITING];
+}
+
+/** Asserts the comments above.  O(wants). */
+void visible_check(const struct visible *visible);
+
+#endif /* DAEMON_VISIBLE_H */
