@@ -1,0 +1,575 @@
+/* SPDX-License-Identifier: MIT */
+#include "tools/build/leaf.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "formats/base/bytes.h"
+#include "formats/base/check.h"
+#include "tools/build/vertex_order.h"
+
+#define NONE UINT32_MAX
+/** 1 and the golden ratio, over the length of (0, 1, golden ratio). */
+#define SHORT 0.52573111211913359
+#define LONG  0.85065080835203988
+
+const double leaf_directions[STORE_SOLIDITY_DIRECTIONS][3] = {
+	{ 0, SHORT, LONG },  { 0, -SHORT, LONG }, { SHORT, LONG, 0 },
+	{ -SHORT, LONG, 0 }, { LONG, 0, SHORT },  { LONG, 0, -SHORT },
+};
+
+/* ---- memory ---- */
+
+void leaf_maker_done(struct leaf_maker *maker)
+{
+	free(maker->keys);
+	free(maker->keys_sorted);
+	free(maker->triangles);
+	free(maker->order);
+	free(maker->indices);
+	free(maker->indices_ordered);
+	free(maker->corners);
+	free(maker->runs_of);
+	free(maker->local);
+	free(maker->scratch);
+	free(maker->runs);
+	free(maker->positions);
+	free(maker->normals);
+	free(maker->colours);
+	free(maker->ordinals);
+	maker->keys = NULL;
+	maker->keys_sorted = NULL;
+	maker->triangles = NULL;
+	maker->order = NULL;
+	maker->indices = NULL;
+	maker->indices_ordered = NULL;
+	maker->corners = NULL;
+	maker->runs_of = NULL;
+	maker->local = NULL;
+	maker->scratch = NULL;
+	maker->runs = NULL;
+	maker->positions = NULL;
+	maker->normals = NULL;
+	maker->colours = NULL;
+	maker->ordinals = NULL;
+	maker->triangle_max = 0;
+	maker->local_max = 0;
+}
+
+uint64_t leaf_maker_bytes(uint32_t leaf_triangles, uint32_t patch_triangles)
+{
+	uint64_t a_triangle = 2 * 8 + 2 * 4 + 6 * 4 + 6 * 4 + 19 * 4 + 16 + 3 * (16 + 4 + 4) + 8;
+
+	return a_triangle * leaf_triangles + UINT64_C(12) * patch_triangles;
+}
+
+static int maker_reserve(struct leaf_maker *maker, uint32_t triangle_count)
+{
+	size_t max = triangle_count;
+
+	if (maker->patch->vertex_count > maker->local_max) {
+		free(maker->local);
+		maker->local_max = 0;
+		maker->local = malloc(maker->patch->vertex_count * sizeof(uint32_t));
+		if (!maker->local)
+			return -ENOMEM;
+		maker->local_max = maker->patch->vertex_count;
+		memset(maker->local, 0xff, maker->local_max * sizeof(uint32_t));
+	}
+	if (triangle_count <= maker->triangle_max)
+		return 0;
+	leaf_maker_done(maker);
+	maker->keys = malloc(max * sizeof(uint64_t));
+	maker->keys_sorted = malloc(max * sizeof(uint64_t));
+	maker->triangles = malloc(max * sizeof(uint32_t));
+	maker->order = malloc(max * sizeof(uint32_t));
+	maker->indices = malloc(max * 3 * sizeof(uint32_t));
+	maker->indices_ordered = malloc(max * 3 * sizeof(uint32_t));
+	maker->corners = malloc(max * 3 * sizeof(uint32_t));
+	maker->runs_of = malloc(max * 3 * sizeof(uint32_t));
+	maker->scratch =
+		malloc(vertex_order_scratch(triangle_count, triangle_count * 3) * sizeof(uint32_t));
+	maker->runs = malloc(max * sizeof(*maker->runs));
+	maker->positions = malloc(max * 3 * 16);
+	maker->normals = malloc(max * 3 * 4);
+	maker->colours = malloc(max * 3 * sizeof(uint32_t));
+	maker->ordinals = malloc(max * sizeof(uint64_t));
+	if (!maker->keys || !maker->keys_sorted || !maker->triangles || !maker->order ||
+	    !maker->indices || !maker->indices_ordered || !maker->corners || !maker->runs_of ||
+	    !maker->scratch || !maker->runs || !maker->positions || !maker->normals ||
+	    !maker->colours || !maker->ordinals) {
+		leaf_maker_done(maker);
+		return -ENOMEM;
+	}
+	maker->triangle_max = triangle_count;
+	return maker_reserve(maker, triangle_count);
+}
+
+/* ---- runs ---- */
+
+/* Sorts keys by their upper half, a byte at a time; bytes that are all the same cost nothing. */
+static uint64_t *sort_by_part(struct leaf_maker *maker, uint32_t count)
+{
+	uint64_t *from = maker->keys;
+	uint64_t *to = maker->keys_sorted;
+
+	for (unsigned shift = 32; shift < 64; shift += 8) {
+		uint32_t counts[256] = { 0 };
+		uint32_t begin = 0;
+		uint64_t *swapped;
+
+		for (uint32_t i = 0; i < count; i++)
+			counts[from[i] >> shift & 255]++;
+		if (counts[from[0] >> shift & 255] == count)
+			continue;
+		for (unsigned i = 0; i < 256; i++) {
+			uint32_t here = counts[i];
+
+			counts[i] = begin;
+			begin += here;
+		}
+		for (uint32_t i = 0; i < count; i++)
+			to[counts[from[i] >> shift & 255]++] = from[i];
+		swapped = from;
+		from = to;
+		to = swapped;
+	}
+	return from;
+}
+
+/* Triangles in the order of their parts, and a run for each part.  Returns: how many runs. */
+static uint32_t make_runs(struct leaf_maker *maker, const struct octree_leaf *from)
+{
+	const struct store_part *parts = maker->labels->parts;
+	const uint64_t *sorted;
+	uint32_t run_count = 0;
+
+	for (uint32_t i = 0; i < from->triangle_count; i++)
+		maker->keys[i] = (uint64_t)patch_part(maker->patch, from->triangles[i]) << 32 |
+				 from->triangles[i];
+	sorted = sort_by_part(maker, from->triangle_count);
+	for (uint32_t i = 0; i < from->triangle_count; i++) {
+		uint32_t part = (uint32_t)(sorted[i] >> 32);
+
+		maker->triangles[i] = (uint32_t)sorted[i];
+		if (run_count == 0 || maker->runs[run_count - 1].part != part)
+			maker->runs[run_count++] = (struct payload_run){
+				.part = part,
+				.section = parts[part].section,
+				.first_triangle = i,
+				.colour = parts[part].colour,
+			};
+	}
+	return run_count;
+}
+
+static uint32_t run_end(const struct leaf_maker *maker, uint32_t run, uint32_t run_count,
+			uint32_t triangle_count)
+{
+	return run + 1 < run_count ? maker->runs[run + 1].first_triangle : triangle_count;
+}
+
+/* ---- vertices ---- */
+
+/*
+ * Gives the vertices their numbers in the order of first use, and takes each run's triangles into an
+ * order that suits a vertex cache.  Runs share no vertices, for a vertex has a part.
+ */
+static uint32_t make_indices(struct leaf_maker *maker, uint32_t triangle_count, uint32_t run_count)
+{
+	const struct patch *patch = maker->patch;
+	uint32_t vertex_count = 0;
+
+	for (uint32_t run = 0; run < run_count; run++) {
+		uint32_t begin = maker->runs[run].first_triangle;
+		uint32_t end = run_end(maker, run, run_count, triangle_count);
+		uint32_t first_vertex = vertex_count;
+		uint32_t run_vertices = 0;
+
+		for (uint32_t i = begin; i < end; i++) {
+			for (uint32_t k = 0; k < 3; k++) {
+				uint32_t vertex = patch->vertices[maker->triangles[i] * 3 + k];
+
+				if (maker->local[vertex] == NONE)
+					maker->local[vertex] = run_vertices++;
+				maker->indices[3 * i + k] = maker->local[vertex];
+			}
+		}
+		vertex_order(maker->indices + (size_t)3 * begin, end - begin, run_vertices,
+			     maker->scratch, maker->order + begin);
+		for (uint32_t i = begin; i < end; i++) {
+			maker->order[i] = maker->triangles[begin + maker->order[i]];
+			for (uint32_t k = 0; k < 3; k++)
+				maker->local[patch->vertices[maker->order[i] * 3 + k]] = NONE;
+		}
+		for (uint32_t i = begin; i < end; i++) {
+			for (uint32_t k = 0; k < 3; k++) {
+				uint32_t corner = maker->order[i] * 3 + k;
+				uint32_t *local = &maker->local[patch->vertices[corner]];
+
+				if (*local == NONE) {
+					maker->corners[vertex_count] = corner;
+					maker->runs_of[vertex_count] = run;
+					*local = vertex_count++;
+				}
+				maker->indices_ordered[3 * i + k] = *local;
+			}
+		}
+		for (uint32_t i = first_vertex; i < vertex_count; i++)
+			maker->local[patch->vertices[maker->corners[i]]] = NONE;
+	}
+	return vertex_count;
+}
+
+/** Where the positions of a leaf are, in grid_load()'s unit. */
+struct extent_box {
+	double low[3];
+	double high[3];
+};
+
+static void find_box(const struct leaf_maker *maker, uint32_t vertex_count, struct extent_box *ret)
+{
+	for (unsigned k = 0; k < 3; k++) {
+		ret->low[k] = INFINITY;
+		ret->high[k] = -INFINITY;
+	}
+	for (uint32_t i = 0; i < vertex_count; i++) {
+		double at[3];
+
+		grid_load(maker->grid, patch_position(maker->patch, maker->corners[i]), at);
+		for (unsigned k = 0; k < 3; k++) {
+			ret->low[k] = at[k] < ret->low[k] ? at[k] : ret->low[k];
+			ret->high[k] = at[k] > ret->high[k] ? at[k] : ret->high[k];
+		}
+	}
+}
+
+/* 16-bit offsets from the box's least corner, shifted by what all of them have in common. */
+static bool write_small_positions(struct leaf_maker *maker, uint32_t vertex_count,
+				  uint32_t run_count, const struct extent_box *box,
+				  struct payload_content *content)
+{
+	uint16_t *to = (uint16_t *)(void *)maker->positions;
+	uint32_t bits = 0;
+	uint32_t largest = 0;
+	int32_t low[3];
+	unsigned shift;
+
+	for (unsigned k = 0; k < 3; k++) {
+		low[k] = (int32_t)box->low[k];
+		largest |= (uint32_t)(box->high[k] - box->low[k]);
+	}
+	if (run_count > UINT16_MAX)
+		return false;
+	for (uint32_t i = 0; i < vertex_count; i++) {
+		const uint32_t *at = patch_position(maker->patch, maker->corners[i]);
+
+		for (unsigned k = 0; k < 3; k++)
+			bits |= at[k] - (uint32_t)low[k];
+	}
+	shift = bits == 0 ? 0 : (unsigned)__builtin_ctz(bits);
+	if (largest >> shift > UINT16_MAX)
+		return false;
+	for (uint32_t i = 0; i < vertex_count; i++, to += 4) {
+		const uint32_t *at = patch_position(maker->patch, maker->corners[i]);
+
+		for (unsigned k = 0; k < 3; k++)
+			to[k] = (uint16_t)((at[k] - (uint32_t)low[k]) >> shift);
+		to[3] = (uint16_t)maker->runs_of[i];
+	}
+	content->position_format = PAYLOAD_U16X3_RUN;
+	content->scale = ldexp(maker->grid->step, (int)shift);
+	for (unsigned k = 0; k < 3; k++)
+		content->origin[k] = (double)low[k] * maker->grid->step;
+	return true;
+}
+
+/* Is each position a float as it is? */
+static bool all_floats(const struct leaf_maker *maker, uint32_t vertex_count)
+{
+	for (uint32_t i = 0; i < vertex_count; i++) {
+		double at[3];
+
+		grid_load(maker->grid, patch_position(maker->patch, maker->corners[i]), at);
+		for (unsigned k = 0; k < 3; k++)
+			if ((double)(float)at[k] != at[k])
+				return false;
+	}
+	return true;
+}
+
+/*
+ * Floats: of the lattice, offsets from the box's middle, which are exact; of exact positions, the
+ * numbers themselves if they are floats, else offsets from the middle, rounded.
+ */
+static void write_float_positions(struct leaf_maker *maker, uint32_t vertex_count,
+				  const struct extent_box *box, struct payload_content *content,
+				  double *ret_moved)
+{
+	bool lattice = maker->grid->form == GRID_LATTICE;
+	bool verbatim = !lattice && all_floats(maker, vertex_count);
+	double middle[3] = { 0, 0, 0 };
+
+	content->position_format = PAYLOAD_F32X3_RUN;
+	content->scale = lattice ? maker->grid->step : 1.0;
+	*ret_moved = 0;
+	for (unsigned k = 0; k < 3 && !verbatim; k++) {
+		middle[k] = box->low[k] + (box->high[k] - box->low[k]) / 2;
+		if (lattice)
+			middle[k] = floor(middle[k]);
+		/* A float is near enough, and an offset from it loses the least. */
+		else
+			middle[k] = (double)(float)middle[k];
+	}
+	for (unsigned k = 0; k < 3; k++)
+		content->origin[k] = grid_to_model(maker->grid, middle[k]);
+	for (uint32_t i = 0; i < vertex_count; i++) {
+		uint8_t *to = maker->positions + (size_t)16 * i;
+		double moved = 0;
+		double at[3];
+
+		grid_load(maker->grid, patch_position(maker->patch, maker->corners[i]), at);
+		for (unsigned k = 0; k < 3; k++) {
+			/* Verbatim keeps the sign of a zero: nothing is subtracted. */
+			double offset = verbatim ? at[k] : at[k] - middle[k];
+			float value = (float)offset;
+
+			memcpy(to + 4 * k, &value, sizeof(value));
+			moved += ((double)value - offset) * ((double)value - offset);
+		}
+		memcpy(to + 12, &maker->runs_of[i], sizeof(uint32_t));
+		*ret_moved = fmax(*ret_moved, sqrt(moved));
+	}
+	*ret_moved = lattice ? 0 : *ret_moved;
+}
+
+static void write_normals(struct leaf_maker *maker, uint32_t vertex_count,
+			  struct payload_content *content)
+{
+	if (maker->mode == NORMALS_FLAT)
+		return;
+	content->normal_format = maker->mode == NORMALS_OCT8 ? PAYLOAD_OCT8 : PAYLOAD_OCT16;
+	for (uint32_t i = 0; i < vertex_count; i++) {
+		uint32_t code = maker->patch->normals[maker->corners[i]];
+
+		if (maker->mode == NORMALS_OCT8)
+			memcpy(maker->normals + (size_t)2 * i, &code, 2);
+		else
+			memcpy(maker->normals + (size_t)4 * i, &code, 4);
+	}
+	content->normals = maker->normals;
+}
+
+/* Vertex colours, unless all are those of their parts. */
+static void write_colours(struct leaf_maker *maker, uint32_t vertex_count,
+			  struct payload_content *content)
+{
+	const struct record_shape *shape = maker->shape;
+	bool differ = false;
+
+	if (shape->colours_at == 0)
+		return;
+	for (uint32_t i = 0; i < vertex_count; i++) {
+		uint32_t corner = maker->corners[i];
+
+		maker->colours[i] =
+			patch_record(maker->patch, corner / 3)[shape->colours_at + corner % 3];
+		differ |= maker->colours[i] != maker->runs[maker->runs_of[i]].colour;
+	}
+	if (differ)
+		content->colours = maker->colours;
+}
+
+static void write_ordinals(struct leaf_maker *maker, uint32_t triangle_count,
+			   struct payload_content *content)
+{
+	if (maker->shape->ordinal_at == 0)
+		return;
+	for (uint32_t i = 0; i < triangle_count; i++)
+		maker->ordinals[i] =
+			record_ordinal(maker->shape, patch_record(maker->patch, maker->order[i]));
+	content->triangle_ids = maker->ordinals;
+}
+
+/* ---- record ---- */
+
+static float float_below(double value)
+{
+	float rounded = (float)value;
+
+	return (double)rounded > value ? nextafterf(rounded, -INFINITY) : rounded;
+}
+
+static float float_above(double value)
+{
+	return -float_below(-value);
+}
+
+/* What is summed over triangles: longest edge, area, mean normal, what is seen from each side. */
+static void measure_triangles(const struct leaf_maker *maker, uint32_t triangle_count,
+			      struct leaf *ret)
+{
+	double unit = grid_to_model(maker->grid, 1.0);
+	double longest = 0;
+
+	for (uint32_t i = 0; i < triangle_count; i++) {
+		double corners[9];
+		double e[3][3];
+		double cross[3];
+
+		patch_corners(maker->patch, maker->order[i], corners);
+		for (unsigned a = 0; a < 3; a++) {
+			double squared = 0;
+
+			for (unsigned k = 0; k < 3; k++) {
+				e[a][k] = corners[3 * ((a + 1) % 3) + k] - corners[3 * a + k];
+				squared += e[a][k] * e[a][k];
+			}
+			longest = squared > longest ? squared : longest;
+		}
+		for (unsigned k = 0; k < 3; k++) {
+			cross[k] = e[0][(k + 1) % 3] * e[1][(k + 2) % 3] -
+				   e[0][(k + 2) % 3] * e[1][(k + 1) % 3];
+			ret->normal_sum[k] += cross[k];
+		}
+		ret->area += sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]);
+		for (unsigned d = 0; d < STORE_SOLIDITY_DIRECTIONS; d++)
+			ret->projected[d] += fabs(cross[0] * leaf_directions[d][0] +
+						  cross[1] * leaf_directions[d][1] +
+						  cross[2] * leaf_directions[d][2]);
+	}
+	ret->record.longest_edge = float_above(sqrt(longest) * unit);
+	/* A cross product is twice the triangle. */
+	ret->area *= unit * unit / 2;
+	for (unsigned k = 0; k < 3; k++)
+		ret->normal_sum[k] *= unit * unit / 2;
+	for (unsigned d = 0; d < STORE_SOLIDITY_DIRECTIONS; d++)
+		ret->projected[d] *= unit * unit / 2;
+}
+
+static void measure_extent(const struct leaf_maker *maker, uint32_t vertex_count,
+			   const struct extent_box *box, double margin, struct store_node *record)
+{
+	double middle[3];
+	double radius_squared = 0;
+	double slack = 0;
+
+	for (unsigned k = 0; k < 3; k++) {
+		record->box_min[k] = float_below(grid_to_model(maker->grid, box->low[k]) - margin);
+		record->box_max[k] = float_above(grid_to_model(maker->grid, box->high[k]) + margin);
+		middle[k] = box->low[k] + (box->high[k] - box->low[k]) / 2;
+		record->sphere[k] = (float)grid_to_model(maker->grid, middle[k]);
+		slack += fabs((double)record->sphere[k] - grid_to_model(maker->grid, middle[k]));
+	}
+	for (uint32_t i = 0; i < vertex_count; i++) {
+		double squared = 0;
+		double at[3];
+
+		grid_load(maker->grid, patch_position(maker->patch, maker->corners[i]), at);
+		for (unsigned k = 0; k < 3; k++)
+			squared += (at[k] - middle[k]) * (at[k] - middle[k]);
+		radius_squared = squared > radius_squared ? squared : radius_squared;
+	}
+	record->sphere[3] = float_above(
+		grid_to_model(maker->grid, sqrt(radius_squared)) * (1 + 0x1p-40) + slack + margin);
+}
+
+/* Triangles of the leaf with the same three points as an earlier one. */
+static uint64_t count_duplicates(struct leaf_maker *maker, uint32_t triangle_count)
+{
+	const struct patch *patch = maker->patch;
+	uint32_t *slots = maker->scratch; /* ten words a triangle: room enough */
+	uint32_t slot_count = 16;
+	uint64_t duplicate_count = 0;
+
+	while (slot_count < triangle_count * 2)
+		slot_count *= 2;
+	memset(slots, 0xff, slot_count * sizeof(uint32_t));
+	for (uint32_t i = 0; i < triangle_count; i++) {
+		const uint32_t *points = patch->points + (size_t)maker->order[i] * 3;
+		uint32_t low = (uint32_t)u64_min(points[0], u64_min(points[1], points[2]));
+		uint32_t high = (uint32_t)u64_max(points[0], u64_max(points[1], points[2]));
+		uint32_t middle = points[0] ^ points[1] ^ points[2] ^ low ^ high;
+		uint64_t hash = (((uint64_t)low << 32 | high) * UINT64_C(0x9e3779b97f4a7c15)) ^
+				(middle * UINT64_C(0xc2b2ae3d27d4eb4f));
+		uint32_t slot = (uint32_t)(hash >> 40) & (slot_count - 1);
+
+		/* Only one of several replicas counts. */
+		if (!patch->primary[maker->order[i]])
+			continue;
+		for (; slots[slot] != NONE; slot = (slot + 1) & (slot_count - 1)) {
+			const uint32_t *other = patch->points + (size_t)slots[slot] * 3;
+			uint32_t other_low =
+				(uint32_t)u64_min(other[0], u64_min(other[1], other[2]));
+			uint32_t other_high =
+				(uint32_t)u64_max(other[0], u64_max(other[1], other[2]));
+
+			if (low == other_low && high == other_high &&
+			    middle == (other[0] ^ other[1] ^ other[2] ^ low ^ high))
+				break;
+		}
+		if (slots[slot] == NONE)
+			slots[slot] = maker->order[i];
+		else
+			duplicate_count++;
+	}
+	return duplicate_count;
+}
+
+static void count_parts(struct leaf_maker *maker, uint32_t triangle_count, uint32_t run_count,
+			struct leaf *ret)
+{
+	for (uint32_t run = 0; run < run_count; run++) {
+		uint32_t end = run_end(maker, run, run_count, triangle_count);
+		uint64_t count = 0;
+
+		for (uint32_t i = maker->runs[run].first_triangle; i < end; i++)
+			count += maker->patch->primary[maker->order[i]];
+		labels_count(maker->labels, maker->runs[run].part, count);
+		ret->primary_count += count;
+	}
+}
+
+int leaf_make(struct leaf_maker *maker, const struct octree_leaf *from,
+	      struct payload_content *ret_content, struct leaf *ret, struct why *why)
+{
+	uint32_t triangle_count = from->triangle_count;
+	struct payload_content content = { .kind = STORE_KIND_TRIANGLES,
+					   .triangle_count = triangle_count };
+	struct extent_box box;
+	uint32_t run_count;
+
+	CHECK(triangle_count > 0);
+	*ret = (struct leaf){ .piece = from->piece };
+	if (maker_reserve(maker, triangle_count) < 0)
+		return why_set(why, -ENOMEM, "no memory for a leaf of %u triangles",
+			       triangle_count);
+	run_count = make_runs(maker, from);
+	content.vertex_count = make_indices(maker, triangle_count, run_count);
+	content.run_count = run_count;
+	content.runs = maker->runs;
+	content.indices = maker->indices_ordered;
+	content.positions = maker->positions;
+	find_box(maker, content.vertex_count, &box);
+	ret->small = maker->grid->form == GRID_LATTICE &&
+		     write_small_positions(maker, content.vertex_count, run_count, &box, &content);
+	if (!ret->small)
+		write_float_positions(maker, content.vertex_count, &box, &content, &ret->moved_max);
+	write_normals(maker, content.vertex_count, &content);
+	write_colours(maker, content.vertex_count, &content);
+	write_ordinals(maker, triangle_count, &content);
+
+	ret->record.level = (uint8_t)from->level;
+	memcpy(ret->record.cell, from->cell, sizeof(ret->record.cell));
+	ret->record.kind = STORE_KIND_TRIANGLES;
+	ret->record.triangle_count = triangle_count;
+	ret->record.vertex_count = content.vertex_count;
+	measure_extent(maker, content.vertex_count, &box, ret->moved_max, &ret->record);
+	measure_triangles(maker, triangle_count, ret);
+	count_parts(maker, triangle_count, run_count, ret);
+	ret->duplicate_count = count_duplicates(maker, triangle_count);
+	*ret_content = content;
+	return 0;
+}

@@ -1,0 +1,24 @@
+/* SPDX-License-Identifier: MIT */
+/**
+ * overlap.h - does a triangle touch a cell?
+ *
+ * Threads: any; pure functions.
+ * Source: Akenine-Moeller 2001, "Fast 3D Triangle-Box Overlap Testing"; exact on the lattice.
+ */
+#ifndef TOOLS_BUILD_OVERLAP_H
+#define TOOLS_BUILD_OVERLAP_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "tools/build/grid.h"
+
+/** Least corner and edge of a cell, in grid_load()'s unit. */
+void overlap_cell_box(const struct grid *grid, uint32_t level, const uint32_t cell[3],
+		      double ret_min[3], double *ret_size);
+
+/** Do they have a point in common?  The cell is closed: what lies in its walls touches it. */
+bool overlap_touches(const struct grid *grid, const double corners[9], const double cell_min[3],
+		     double cell_size);
+
+#endif /* TOOLS_BUILD_OVERLAP_H */
