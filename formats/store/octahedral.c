@@ -73,9 +73,11 @@ void payload_decode_oct16(const int16_t coded[2], float ret[3])
 void payload_encode_oct8(const float normal[3], int8_t ret[2])
 {
 	float square[2];
+	float unit[3];
 	float best = -INFINITY;
 
 	to_square(normal, square);
+	from_square(square[0], square[1], unit);
 	for (unsigned i = 0; i < 4; i++) {
 		float x = floorf(square[0] * OCT8_MAX) + (float)(i & 1);
 		float y = floorf(square[1] * OCT8_MAX) + (float)(i >> 1);
@@ -85,17 +87,12 @@ void payload_encode_oct8(const float normal[3], int8_t ret[2])
 		if (x > OCT8_MAX || y > OCT8_MAX)
 			continue;
 		from_square(x / OCT8_MAX, y / OCT8_MAX, decoded);
-		likeness = normal[0] * decoded[0] + normal[1] * decoded[1] + normal[2] * decoded[2];
+		likeness = unit[0] * decoded[0] + unit[1] * decoded[1] + unit[2] * decoded[2];
 		if (likeness > best) {
 			best = likeness;
 			ret[0] = (int8_t)x;
 			ret[1] = (int8_t)y;
 		}
-	}
-	/* Only a normal that is no number is like none of the four. */
-	if (best == -INFINITY) {
-		ret[0] = 0;
-		ret[1] = 0;
 	}
 }
 

@@ -46,6 +46,15 @@ int store_read_superblock(int fd, uint32_t slot, struct store_superblock *ret, s
 	return 0;
 }
 
+/* Does a slot at least begin like a superblock?  Tells damaged stores from what never was one. */
+static bool has_magic(int fd, uint32_t slot)
+{
+	uint8_t magic[sizeof(((struct store_superblock *)NULL)->magic)];
+
+	return file_read_at(fd, magic, sizeof(magic), (uint64_t)slot * STORE_BLOCK_BYTES) == 0 &&
+	       memcmp(magic, STORE_MAGIC, sizeof(magic)) == 0;
+}
+
 /* The valid superblock of the higher generation, or why there is none. */
 static int pick_superblock(int fd, struct store_superblock *ret, struct why *why)
 {
@@ -67,10 +76,10 @@ static int pick_superblock(int fd, struct store_superblock *ret, struct why *why
 		*ret = blocks[slot];
 		return 0;
 	}
-	/* Neither is whole.  The one that is more than "no superblock" has the better reason. */
-	slot = results[0] == -EINVAL ? 1 : 0;
-	if (results[0] == -EINVAL && (results[1] == -EINVAL || results[1] == -ENODATA))
+	if (!has_magic(fd, 0) && !has_magic(fd, 1))
 		return why_set(why, -EINVAL, "is no store");
+	/* Neither is whole.  The one that was meant to be has the better reason. */
+	slot = has_magic(fd, 0) ? 0 : 1;
 	if (why)
 		*why = whys[slot];
 	return results[slot];
