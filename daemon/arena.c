@@ -34,7 +34,6 @@ void arena_done(struct arena *arena)
 		list_remove(link);
 		segment_destroy(ARENA_SEGMENT(link));
 	}
-	arena_init(arena, arena->segment_bytes);
 }
 
 int arena_add(struct arena *arena, struct memfile *memfile, struct segment **ret)

@@ -40,7 +40,7 @@
 /** Times that one piece may come back without progress. */
 #define FETCH_RETRY_MAX 8u
 /** Room for coded payloads on their way: twice the largest one at least. */
-#define STAGING_BYTES_MIN (16u * MIB)
+#define STAGING_BYTES_MIN (8u * MIB)
 /** Prefetched bytes on their way: what a fetch may have to wait behind. */
 #define PREFETCH_FLIGHT_BYTES (1u * MIB)
 /** Of the cache, what one PREFETCH may fill: 1 / this. */

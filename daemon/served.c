@@ -59,9 +59,10 @@ static uint64_t power_of_two_down(uint64_t value)
 }
 
 /*
- * A sixteenth of the cache, so that several stores can share it; not above what is usual unless
- * the cache is so large that the table of buffers would run out; not above what the store can ever
- * fill; and never below its largest payload, which lies in one segment.
+ * A sixteenth of the cache, so that several stores can share it; where payloads are large for that,
+ * up to a quarter, so that what is left over at a segment's end is little of it; not above what is
+ * usual unless the cache is so large that the table of buffers would run out; not above what the
+ * store can ever fill; and never below its largest payload, which lies in one segment.
  */
 static int choose_segment_bytes(const struct store_superblock *superblock, uint64_t cache_bytes,
 				uint64_t *ret, struct why *why)
@@ -77,7 +78,9 @@ static int choose_segment_bytes(const struct store_superblock *superblock, uint6
 				   &page_pad_bytes) ||
 	    __builtin_add_overflow(superblock->payload_raw_bytes, page_pad_bytes, &store_bytes))
 		store_bytes = UINT64_MAX;
-	bytes = u64_min(power_of_two_down(cache_bytes / 16), SEGMENT_BYTES_USUAL);
+	bytes = u64_min(8 * largest_bytes, power_of_two_down(cache_bytes / 4));
+	bytes = u64_max(bytes, power_of_two_down(cache_bytes / 16));
+	bytes = u64_min(bytes, SEGMENT_BYTES_USUAL);
 	bytes = u64_max(bytes, power_of_two_up(cache_bytes / SEGMENT_COUNT_MAX));
 	if (store_bytes < bytes)
 		bytes = power_of_two_up(store_bytes);

@@ -1,0 +1,312 @@
+/* SPDX-License-Identifier: MIT */
+/* Goal: segments are what memfile.h and arena.h promise, and windows are the best there are. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <errno.h>
+#include <fcntl.h>
+#include <grp.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "daemon/arena.h"
+#include "formats/base/bytes.h"
+#include "formats/base/file.h"
+#include "tests/helper.h"
+
+#define SEGMENT_BYTES (64u * KIB)
+#define SEGMENT_PAGES (SEGMENT_BYTES / WIRE_PAGE_BYTES)
+#define OWNERS_MAX    4096u
+
+static struct memfile published(uint64_t bytes)
+{
+	struct memfile memfile;
+	struct why why;
+
+	assert_int_equal(memfile_create("test", bytes, false, &memfile, &why), 0);
+	assert_int_equal(memfile_publish(&memfile, MEMFILE_CHANGING, &why), 0);
+	return memfile;
+}
+
+static struct arena *arena_with(uint32_t segment_count)
+{
+	struct arena *arena = malloc(sizeof(*arena));
+
+	arena_init(arena, SEGMENT_BYTES);
+	for (uint32_t i = 0; i < segment_count; i++) {
+		struct memfile memfile = published(SEGMENT_BYTES);
+		struct segment *segment;
+
+		assert_int_equal(arena_add(arena, &memfile, &segment), 0);
+	}
+	return arena;
+}
+
+static void arena_free(struct arena *arena)
+{
+	arena_done(arena);
+	free(arena);
+}
+
+/* Everything that another user could try with the descriptor that clients get. */
+static int try_to_write(int read_fd)
+{
+	char path[64];
+	void *map;
+	int fd;
+
+	if (setgroups(0, NULL) < 0 || setgid(65534) < 0 || setuid(65534) < 0)
+		return 77;
+	if (write(read_fd, "x", 1) >= 0)
+		return 1;
+	if (mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED, read_fd, 0) != MAP_FAILED)
+		return 2;
+	map = mmap(NULL, 4096, PROT_READ, MAP_SHARED, read_fd, 0);
+	if (map == MAP_FAILED || mprotect(map, 4096, PROT_READ | PROT_WRITE) == 0)
+		return 3;
+	if (ftruncate(read_fd, 0) == 0)
+		return 4;
+	if (fallocate(read_fd, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, 0, 4096) == 0)
+		return 5;
+	if (fchmod(read_fd, 0666) == 0)
+		return 6;
+	(void)snprintf(path, sizeof(path), "/proc/self/fd/%d", read_fd);
+	fd = open(path, O_RDWR);
+	if (fd >= 0)
+		return 7;
+	if (fcntl(read_fd, F_ADD_SEALS, F_SEAL_WRITE) == 0)
+		return 8;
+	return 0;
+}
+
+static void memory_of_a_client_cannot_be_written_by_another_user(void **state)
+{
+	struct memfile memfile = published(SEGMENT_BYTES);
+	int status;
+	pid_t child;
+
+	(void)state;
+	memset(memfile.base, 7, memfile.bytes);
+	child = fork();
+	assert_true(child >= 0);
+	if (child == 0)
+		_exit(try_to_write(memfile.read_fd));
+	assert_int_equal(waitpid(child, &status, 0), child);
+	assert_true(WIFEXITED(status));
+	if (WEXITSTATUS(status) == 77)
+		print_message("not root: only the own user could be tried\n");
+	else
+		assert_int_equal(WEXITSTATUS(status), 0);
+	assert_int_equal(((uint8_t *)memfile.base)[0], 7);
+	memfile_done(&memfile);
+}
+
+static void memory_cannot_be_resized_by_anyone(void **state)
+{
+	struct memfile memfile = published(SEGMENT_BYTES);
+
+	(void)state;
+	assert_int_equal(ftruncate(memfile.fd, 0), -1);
+	assert_int_equal(ftruncate(memfile.fd, 1 << 20), -1);
+	memfile_done(&memfile);
+}
+
+static void memory_of_fixed_content_cannot_be_written_by_anyone(void **state)
+{
+	struct memfile memfile;
+	struct why why;
+
+	(void)state;
+	assert_int_equal(memfile_create("test", 100, false, &memfile, &why), 0);
+	memset(memfile.base, 9, 100);
+	assert_int_equal(memfile_publish(&memfile, MEMFILE_FIXED, &why), 0);
+	assert_int_equal(((uint8_t *)memfile.base)[99], 9);
+	assert_int_equal(pwrite(memfile.fd, "x", 1, 0), -1);
+	assert_ptr_equal(mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED, memfile.fd, 0),
+			 MAP_FAILED);
+	memfile_done(&memfile);
+}
+
+static void memory_is_populated_and_given_back_although_clients_map_it(void **state)
+{
+	struct memfile memfile = published(SEGMENT_BYTES);
+	int fd = dup(memfile.read_fd);
+	struct stat status;
+	void *map;
+
+	(void)state;
+	map = mmap(NULL, SEGMENT_BYTES, PROT_READ, MAP_SHARED, fd, 0);
+	assert_ptr_not_equal(map, MAP_FAILED);
+	assert_int_equal(fstat(fd, &status), 0);
+	assert_true((uint64_t)status.st_blocks * 512 >= SEGMENT_BYTES);
+	memfile_reclaim(&memfile);
+	memfile_done(&memfile);
+	assert_int_equal(fstat(fd, &status), 0);
+	assert_int_equal(status.st_blocks, 0);
+	(void)munmap(map, SEGMENT_BYTES);
+	(void)close(fd);
+}
+
+static void arena_takes_segment_numbers_in_a_circle(void **state)
+{
+	struct arena *arena = arena_with(2);
+
+	(void)state;
+	for (uint32_t i = 2; i < WIRE_SEGMENT_COUNT_MAX + 3; i++) {
+		struct memfile memfile = published(SEGMENT_BYTES);
+		struct segment *segment;
+		uint32_t expected = i % WIRE_SEGMENT_COUNT_MAX;
+
+		assert_int_equal(arena_add(arena, &memfile, &segment), 0);
+		/* Segments 0 and 1 are still there. */
+		if (i >= WIRE_SEGMENT_COUNT_MAX)
+			expected += 2;
+		assert_int_equal(segment->number, expected);
+		arena_remove(arena, segment->number);
+	}
+	arena_check(arena);
+	arena_free(arena);
+}
+
+static void arena_skips_a_segment_that_is_drained(void **state)
+{
+	struct arena *arena = arena_with(2);
+	struct place place;
+
+	(void)state;
+	arena->by_number[0]->draining = true;
+	assert_int_equal(arena_take(arena, SEGMENT_PAGES, 1, &place), 0);
+	assert_int_equal(place.segment, 1);
+	assert_int_equal(arena_take(arena, 1, 2, &place), -ENOBUFS);
+	arena_free(arena);
+}
+
+static void arena_fragmentation_is_none_when_whole_and_most_when_in_dust(void **state)
+{
+	struct arena *arena = arena_with(2);
+	struct place places[2 * SEGMENT_PAGES];
+
+	(void)state;
+	assert_true(arena_fragmentation(arena) == 0.0);
+	for (uint32_t i = 0; i < ARRAY_LENGTH(places); i++)
+		assert_int_equal(arena_take(arena, 1, i, &places[i]), 0);
+	for (uint32_t i = 0; i < ARRAY_LENGTH(places); i += 2)
+		arena_give(arena, places[i]);
+	assert_true(arena_fragmentation(arena) > 0.8);
+	arena_free(arena);
+}
+
+/* ---- windows ---- */
+
+static uint64_t ages[OWNERS_MAX];
+
+static uint64_t age_of(void *arg, uint32_t owner)
+{
+	(void)arg;
+	return ages[owner];
+}
+
+/* The age of the best window, by trying every beginning and end. */
+static uint64_t best_by_force(const struct arena *arena, uint32_t page_count)
+{
+	uint64_t best = ARENA_NEVER;
+
+	LIST_FOR_EACH (link, &arena->in_order) {
+		const struct pages *pages = ARENA_SEGMENT(link)->pages;
+
+		for (uint32_t first = 0; first < SEGMENT_PAGES;
+		     first += pages_run_at(pages, first).count) {
+			uint64_t youngest = 0;
+			uint32_t end = first;
+
+			while (end < SEGMENT_PAGES && end - first < page_count) {
+				struct pages_run run = pages_run_at(pages, end);
+
+				if (run.owner != PAGES_FREE)
+					youngest = u64_max(youngest, ages[run.owner]);
+				end += run.count;
+			}
+			if (end - first >= page_count)
+				best = u64_min(best, youngest);
+		}
+	}
+	return best;
+}
+
+static void arena_window_is_the_oldest_there_is(void **state)
+{
+	unsigned seed = 5;
+
+	(void)state;
+	for (unsigned round = 0; round < 200; round++) {
+		struct arena *arena = arena_with(3);
+		uint32_t owner_count = 0;
+		struct place place;
+
+		while (arena_take(arena, 1 + (uint32_t)rand_r(&seed) % 4, owner_count, &place) == 0)
+			ages[owner_count++] = rand_r(&seed) % 4 == 0
+						      ? ARENA_NEVER
+						      : 1 + (uint64_t)(rand_r(&seed) % 100);
+		for (uint32_t page_count = 1; page_count <= SEGMENT_PAGES; page_count++) {
+			uint64_t best = best_by_force(arena, page_count);
+			struct window window = { 0 };
+			int r = arena_window_best(arena, page_count, age_of, NULL, &window);
+
+			assert_int_equal(r, best == ARENA_NEVER ? -ENOBUFS : 0);
+			if (r < 0)
+				continue;
+			assert_true(window.youngest == best);
+			assert_true(window.page_count >= page_count);
+		}
+		arena_free(arena);
+	}
+}
+
+static void arena_window_around_a_place_holds_it_and_only_what_may_go(void **state)
+{
+	struct arena *arena = arena_with(1);
+	struct place places[SEGMENT_PAGES];
+	struct window window;
+
+	(void)state;
+	for (uint32_t i = 0; i < SEGMENT_PAGES; i++) {
+		assert_int_equal(arena_take(arena, 1, i, &places[i]), 0);
+		ages[i] = 100 + i;
+	}
+	ages[4] = ARENA_NEVER;
+	ages[9] = ARENA_NEVER;
+	assert_int_equal(arena_window_around(arena, places[6], 3, age_of, NULL, &window), 0);
+	assert_int_equal(window.first, places[5].page);
+	assert_int_equal(window.page_count, 3);
+	assert_int_equal(window.youngest, 107);
+	assert_int_equal(arena_window_around(arena, places[6], 5, age_of, NULL, &window), -ENOBUFS);
+	assert_int_equal(arena_window_around(arena, places[4], 1, age_of, NULL, &window), -ENOBUFS);
+	arena_free(arena);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(memory_of_a_client_cannot_be_written_by_another_user),
+		cmocka_unit_test(memory_cannot_be_resized_by_anyone),
+		cmocka_unit_test(memory_of_fixed_content_cannot_be_written_by_anyone),
+		cmocka_unit_test(memory_is_populated_and_given_back_although_clients_map_it),
+		cmocka_unit_test(arena_takes_segment_numbers_in_a_circle),
+		cmocka_unit_test(arena_skips_a_segment_that_is_drained),
+		cmocka_unit_test(arena_fragmentation_is_none_when_whole_and_most_when_in_dust),
+		cmocka_unit_test(arena_window_is_the_oldest_there_is),
+		cmocka_unit_test(arena_window_around_a_place_holds_it_and_only_what_may_go),
+	};
+
+	return TEST_RUN(tests);
+}
