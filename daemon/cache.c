@@ -10,7 +10,7 @@
 /* Candidates looked at, from the oldest, before the whole arena is searched for a window. */
 #define WINDOW_TRIES 8u
 /* Uses between two looks at whether another store's memory is older than what would be evicted. */
-#define STEAL_USES 64u
+#define STEAL_USES 16u
 /* How long the budget stays shrunk after memory could not be had. */
 #define SHORT_OF_MEMORY_NS (10 * NS_PER_S)
 

@@ -342,8 +342,9 @@ static void on_event(struct fetch *fetch, struct fetch_event event)
 	done_bytes &= ~(STORE_BLOCK_BYTES - 1);
 	op->retry_count = done_bytes > op->done_bytes ? 0 : op->retry_count + 1;
 	op->done_bytes = done_bytes;
+	/* Always the same part of a block: the file ends inside it. */
 	if (op->retry_count > FETCH_RETRY_MAX)
-		op_end(fetch, op, -EIO);
+		op_end(fetch, op, event.result > 0 ? -ENODATA : -EIO);
 	else
 		op_submit(fetch, op);
 }

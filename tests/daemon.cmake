@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
-oocd_test(test_pages unit SOURCES unit/test_pages.c LINK oocd_core oocd_test_helper)
-oocd_test(test_arena unit SOURCES unit/test_arena.c LINK oocd_core oocd_test_helper)
+foreach(module pages arena fetch cache)
+	oocd_test(test_${module} unit SOURCES unit/test_${module}.c LINK oocd_core oocd_test_helper)
+endforeach()
 
 # The state machine with checks that a test can see fail.
 oocd_test(test_node unit SOURCES unit/test_node.c ${CMAKE_SOURCE_DIR}/daemon/node.c
