@@ -4,7 +4,6 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -63,32 +62,48 @@ static void remove_stale_files(struct new_file *file)
 	file->hidden_name[0] = '\0';
 }
 
-/* The lock is taken after the file can be seen: someone may have taken it for stale. */
-static bool lock_is_ours(int fd)
+/*
+ * The lock is taken after the file can be seen: someone may have taken it for stale.
+ * Returns: 1 locked and still there, 0 lost, or -errno.
+ */
+static int lock_hidden(int fd)
 {
 	struct stat status;
 
-	return flock(fd, LOCK_EX | LOCK_NB) == 0 && fstat(fd, &status) == 0 && status.st_nlink > 0;
+	if (flock(fd, LOCK_EX | LOCK_NB) < 0)
+		return errno == EWOULDBLOCK ? 0 : -errno;
+	return fstat(fd, &status) < 0 ? -errno : status.st_nlink > 0;
+}
+
+/* Makes the hidden file of one number.  Returns: 1, 0 when someone else has the number, or -errno. */
+static int try_hidden(struct new_file *file)
+{
+	int r;
+
+	file->fd = openat(file->folder_fd, file->hidden_name, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC,
+			  FILE_MODE);
+	if (file->fd < 0)
+		return errno == EEXIST ? 0 : -errno;
+	r = lock_hidden(file->fd);
+	if (r < 0)
+		(void)unlinkat(file->folder_fd, file->hidden_name, 0);
+	if (r <= 0)
+		file->fd = fd_close(file->fd);
+	return r;
 }
 
 static int open_hidden(struct new_file *file)
 {
-	for (unsigned number = 0; number < HIDDEN_COUNT_MAX; number++) {
-		set_hidden_name(file, number);
-		file->fd = openat(file->folder_fd, file->hidden_name,
-				  O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, FILE_MODE);
-		if (file->fd >= 0 && lock_is_ours(file->fd))
-			return 0;
-		if (file->fd < 0 && errno != EEXIST) {
-			int error = -errno;
+	int r = 0;
 
-			file->hidden_name[0] = '\0';
-			return error;
-		}
-		file->fd = fd_close(file->fd);
+	for (unsigned number = 0; number < HIDDEN_COUNT_MAX && r == 0; number++) {
+		set_hidden_name(file, number);
+		r = try_hidden(file);
 	}
+	if (r > 0)
+		return 0;
 	file->hidden_name[0] = '\0';
-	return -EBUSY;
+	return r < 0 ? r : -EBUSY;
 }
 
 static int open_unnamed(struct new_file *file)

@@ -95,7 +95,8 @@ static int verify_extent_pad(struct verify *verify, const struct store_extent *e
 	struct why why;
 	int r = verify_pad(verify, extent->file_offset, extent->stored_bytes, &why);
 
-	why_prefix(&why, "%s", name);
+	if (r < 0)
+		why_prefix(&why, "%s", name);
 	verify->summary.bytes_read += bytes_round_up(extent->stored_bytes, STORE_BLOCK_BYTES);
 	return report(verify, STORE_NODE_NONE, r, &why);
 }
@@ -266,18 +267,15 @@ int store_verify_path(const char *path, store_damage_fn damage, void *arg,
 {
 	struct verify verify = { .damage = damage, .arg = arg };
 	struct store_file *store = NULL;
+	struct why reason;
 	AUTO_FD fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
 	int r;
 
 	if (fd < 0)
 		return why_errno(why, -errno, "%s", path);
-	r = store_open(fd, &store, why);
+	r = store_open(fd, &store, &reason);
 	if (r < 0) {
-		struct why reason = { 0 };
-
-		if (why)
-			reason = *why;
-		why_prefix(why, "%s", path);
+		why_set(why, r, "%s: %s", path, reason.text);
 		r = report(&verify, STORE_NODE_NONE, r, &reason);
 	} else {
 		fd = -1;
