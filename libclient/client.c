@@ -120,13 +120,8 @@ static void reconnect(struct ooc_client *client)
 	if (clock_now_ns() < client->retry_at_ns)
 		return;
 	for (uint32_t i = 0; i < WIRE_STORE_COUNT_MAX; i++) {
-		unsigned count = 0;
-
-		/* Threads may still draw from so many: a daemon that comes and goes has to wait. */
-		for (struct view *view = client->stores[i] ? client->stores[i]->old_views : NULL;
-		     view; view = view->next)
-			count++;
-		if (count >= OLD_VIEW_COUNT_MAX)
+		/* Threads may still draw from too many: a daemon that comes and goes has to wait. */
+		if (client->stores[i] && !view_make_room(client->stores[i]))
 			return;
 	}
 	(void)session_connect(client);

@@ -77,7 +77,7 @@ struct view {
 	uint64_t epoch;
 	struct mapping directory;
 	struct mapping grants;
-	uint64_t *words;      /* old: the word of each node that was drawable, 0 for others */
+	uint64_t *words;      /* old: the word of each node that was drawable; NULL: none was */
 	uint64_t last_serial; /* old: newest set given when it ceased to be shown; 0: it is shown */
 	uint16_t slots[WIRE_SEGMENT_COUNT_MAX]; /* of each segment: its slot + 1; 0: not mapped */
 };
@@ -226,6 +226,13 @@ void store_flush_closes(struct ooc_client *client);
 int view_create(struct ooc_store *store, const struct wire_opened *opened, int directory_fd,
 		int grants_fd, struct view **ret);
 struct view *view_destroy(struct ooc_store *store, struct view *view);
+
+/**
+ * Before another session: lets go of the oldest view where there are too many.
+ *
+ * Returns: false while threads may still draw from it.
+ */
+bool view_make_room(struct ooc_store *store);
 
 /** The session is over: what is drawable in the store's view stays so in an old view. */
 void view_grow_old(struct ooc_store *store);

@@ -266,17 +266,40 @@ static void note_words(struct ooc_store *store, struct view *view)
 {
 	const struct set *set = &store->client->set;
 
-	/* Without memory for it nothing is shown until it has been fetched again. */
-	view->words = calloc(store->node_count, sizeof(*view->words));
-	if (!view->words)
-		return;
 	for (size_t i = 0; i < set->entry_count; i++) {
 		uint32_t node = set->entries[i].node;
 		struct ooc_place place;
 
-		if (set->entries[i].store == store->number && node_find_new(store, node, &place))
-			view->words[node] = view_word(view, node);
+		if (set->entries[i].store != store->number || !node_find_new(store, node, &place))
+			continue;
+		if (!view->words)
+			view->words = calloc(store->node_count, sizeof(*view->words));
+		/* Without memory for it nothing is shown until it has been fetched again. */
+		if (!view->words)
+			return;
+		view->words[node] = view_word(view, node);
 	}
+}
+
+bool view_make_room(struct ooc_store *store)
+{
+	struct view *oldest = store->old_views;
+	unsigned count = 0;
+
+	for (struct view *view = oldest; view; view = view->next) {
+		oldest = view;
+		count++;
+	}
+	if (count < OLD_VIEW_COUNT_MAX)
+		return true;
+	if (oldest->last_serial == 0)
+		oldest->last_serial = store->client->set.given;
+	view_release_old(store);
+	for (struct view *view = store->old_views; view; view = view->next) {
+		if (view == oldest)
+			return false;
+	}
+	return true;
 }
 
 void view_grow_old(struct ooc_store *store)
@@ -287,6 +310,10 @@ void view_grow_old(struct ooc_store *store)
 		return;
 	note_words(store, view);
 	store->view = NULL;
+	if (!view->words && !store->client->keep_drawing) {
+		view_destroy(store, view);
+		return;
+	}
 	view->next = store->old_views;
 	store->old_views = view;
 }

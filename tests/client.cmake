@@ -3,3 +3,4 @@ add_library(oocd_fake_daemon STATIC ${CMAKE_CURRENT_LIST_DIR}/unit/fake_daemon.c
 target_link_libraries(oocd_fake_daemon PUBLIC oocclient oocd_wire oocd_test_helper Threads::Threads)
 
 oocd_test(test_client unit SOURCES unit/test_client.c LINK oocd_fake_daemon m)
+oocd_test(test_client_session unit SOURCES unit/test_client_session.c LINK oocd_fake_daemon)

@@ -209,7 +209,7 @@ enum ooc_state {
 	OOC_STATE_DAMAGED = 3,
 };
 
-/** No system call.  While the daemon is away every node is absent. */
+/** No system call.  While the daemon is away: as it was. */
 OOC_API enum ooc_state ooc_node_state(const struct ooc_store *store, uint32_t node);
 
 /** How far the newest set is. */
