@@ -16,6 +16,7 @@
 #include "formats/base/bytes.h"
 #include "formats/base/file.h"
 #include "libclient/select/camera.h"
+#include "tests/helper.h"
 
 static uint64_t random_state = 1;
 
@@ -382,5 +383,5 @@ int main(void)
 		cmocka_unit_test(a_model_of_nothing_or_one_point_can_be_framed),
 	};
 
-	return cmocka_run_group_tests_name("camera", tests, NULL, NULL);
+	return TEST_RUN(tests);
 }

@@ -17,6 +17,7 @@
 
 #include "formats/base/bytes.h"
 #include "libclient/select/raster.h"
+#include "tests/helper.h"
 
 #define SIDE 64u
 #define STEP 0x1p-10f
@@ -516,5 +517,5 @@ int main(void)
 		cmocka_unit_test(positions_beyond_all_floats_draw_nothing_and_harm_nothing),
 	};
 
-	return cmocka_run_group_tests_name("raster", tests, NULL, NULL);
+	return TEST_RUN(tests);
 }

@@ -15,6 +15,7 @@
 
 #include "formats/base/bytes.h"
 #include "libclient/select/select.h"
+#include "tests/helper.h"
 
 static uint64_t random_state;
 
@@ -871,5 +872,5 @@ int main(void)
 		cmocka_unit_test(a_model_moved_far_from_the_origin_gives_the_same_selection),
 	};
 
-	return cmocka_run_group_tests_name("select", tests, NULL, NULL);
+	return TEST_RUN(tests);
 }

@@ -1,0 +1,22 @@
+/* SPDX-License-Identifier: MIT */
+/**
+ * bench.h - the verbs of oocbench.  One file a verb; main.c has the table.
+ *
+ * A verb gets its own command line (argv[0] is the verb), says what is wrong with it, and prints its
+ * results.
+ *
+ * Returns of verbs: 0, 1 failed, 2 wrong usage; the exit status of the program.
+ */
+#ifndef TOOLS_BENCH_BENCH_H
+#define TOOLS_BENCH_BENCH_H
+
+int verb_build(int argc, char **argv);
+int verb_exact(int argc, char **argv);
+int verb_fetch(int argc, char **argv);
+int verb_path(int argc, char **argv);
+
+/** Says "oocbench VERB: ..." and that --help has more.  Returns: 2. */
+int verb_usage_error(const char *verb, const char *format, ...)
+	__attribute__((format(printf, 2, 3)));
+
+#endif /* TOOLS_BENCH_BENCH_H */
