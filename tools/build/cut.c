@@ -207,10 +207,11 @@ static int load(struct cutter *cutter, uint32_t bucket, uint64_t begin, uint32_t
 	const struct borders *borders = cutter->cut->borders;
 	uint64_t record_bytes = borders->shape->words * sizeof(uint32_t);
 	struct patch *patch = &cutter->patch;
-	int r = patch_reserve(patch, count, why);
+	int r = patch_reserve(patch, cutter->cut->patch_triangles, why);
 
 	if (r < 0)
 		return r;
+	CHECK(count <= cutter->cut->patch_triangles);
 	patch->triangle_count = count;
 	r = exchange_read(borders->triangles, bucket, begin * record_bytes, patch->records,
 			  count * record_bytes, why);
@@ -228,8 +229,9 @@ static int load(struct cutter *cutter, uint32_t bucket, uint64_t begin, uint32_t
 		grid_centre_cell(borders->grid, corners, cell);
 		patch->primary[i] = buckets_find(borders->buckets, cell) == bucket;
 	}
-	patch_find_points(patch);
-	r = borders_fill_normals(borders, bucket, patch, &cutter->borders, why);
+	r = patch_find_points(patch, why);
+	if (r == 0)
+		r = borders_fill_normals(borders, bucket, patch, &cutter->borders, why);
 	if (r == 0)
 		patch_find_vertices(patch);
 	return r;
@@ -326,9 +328,14 @@ static int cut_work(void *arg, uint32_t worker, struct why *why)
 
 int cut_run(struct cut *cut, uint32_t worker_count, struct why *why)
 {
+	const struct buckets *buckets = cut->borders->buckets;
 	struct cutting cutting = { .cut = cut };
 	int r;
 
+	for (uint32_t i = 0; i < buckets->bucket_count; i++)
+		cut->patch_triangles = (uint32_t)u64_max(
+			cut->patch_triangles,
+			u64_min(buckets->buckets[i].triangle_count, buckets->bucket_triangles));
 	cut->id_next = 1;
 	turnstile_init(&cut->numbering);
 	turnstile_init(&cut->writing);

@@ -32,6 +32,8 @@ struct cut {
 	struct crew *crew;
 	struct progress *progress;
 
+	uint32_t patch_triangles; /* of the largest bucket */
+
 	/* All leaves, in Morton order. */
 	struct leaf *leaves;
 	uint64_t leaf_count;

@@ -44,8 +44,10 @@ struct patch {
 	uint32_t *vertex_corner; /* per vertex: its first corner */
 	uint32_t vertex_count;
 
-	uint32_t *slots; /* of a hash table: point + 1 */
+	uint32_t *point_keys; /* per point: record_position_key() */
+	uint64_t *slots;      /* of a hash table: hash of the key above, point + 1 below; 0: none */
 	uint32_t slot_count;
+	uint32_t slot_max;
 };
 
 void patch_init(struct patch *patch, const struct grid *grid, const struct record_shape *shape);
@@ -76,8 +78,8 @@ static inline void patch_corners(const struct patch *patch, uint32_t triangle, d
 	record_corners(patch->grid, patch->shape, patch_record(patch, triangle), ret);
 }
 
-/** Finds the points of all triangles. */
-void patch_find_points(struct patch *patch);
+/** Finds the points of all triangles.  Returns: 0 or -ENOMEM. */
+int patch_find_points(struct patch *patch, struct why *why);
 /** The point at a position; PATCH_NONE: no corner is there. */
 uint32_t patch_point_at(const struct patch *patch, const uint32_t *position);
 /** Finds the vertices, when points and normals are known. */
