@@ -79,7 +79,8 @@ static int take_lock(const char *socket_path, struct why *why)
 	if (r < 0)
 		return r;
 
-	(void)snprintf(path, sizeof(path), "%s.lock", socket_path);
+	/* Not the daemon's own lock ("SOCKET.lock"): the daemon that is started has to get that one. */
+	(void)snprintf(path, sizeof(path), "%s.starting", socket_path);
 	fd = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
 	if (fd < 0)
 		return why_errno(why, -errno, "cannot make %s, the lock for starting a daemon",
