@@ -93,17 +93,18 @@ static struct turn *circles_create(void)
 	return circles;
 }
 
-static void write_header(const struct mesh *counted, const char *description)
+static void write_header(const struct mesh *counted, const struct mesh_file *file)
 {
 	const char *real = counted->doubles ? "double" : "float";
 
 	out_file_printf(counted->out,
 			"ply\nformat binary_little_endian 1.0\n"
 			"comment made by oocgen " OOCD_VERSION ": %s\n"
-			"comment unit metres\ncomment up z\n"
+			"%scomment up z\n"
 			"element vertex %" PRIu64 "\n"
 			"property %s x\nproperty %s y\nproperty %s z\n",
-			description, counted->vertex_count, real, real, real);
+			file->description, file->metres ? "comment unit metres\n" : "",
+			counted->vertex_count, real, real, real);
 	if (counted->colours)
 		out_file_printf(counted->out, "property uchar red\nproperty uchar green\n"
 					      "property uchar blue\n");
@@ -115,7 +116,7 @@ static void write_header(const struct mesh *counted, const char *description)
 }
 
 int mesh_write_file(const struct mesh_file *file, mesh_scene_fn scene, void *arg,
-		    uint64_t *ret_triangle_count, struct why *why)
+		    struct mesh_count *ret, struct why *why)
 {
 	struct turn *circles = circles_create();
 	struct mesh counted = { .pass = MESH_COUNT,
@@ -143,7 +144,7 @@ int mesh_write_file(const struct mesh_file *file, mesh_scene_fn scene, void *arg
 		return r;
 	}
 	counted.out = &out;
-	write_header(&counted, file->description);
+	write_header(&counted, file);
 	for (enum mesh_pass pass = MESH_VERTICES; pass <= MESH_FACES; pass++) {
 		struct mesh mesh = counted;
 
@@ -151,12 +152,14 @@ int mesh_write_file(const struct mesh_file *file, mesh_scene_fn scene, void *arg
 		mesh.vertex_count = 0;
 		mesh.triangle_count = 0;
 		scene(&mesh, arg);
+		if (mesh_failed(&mesh))
+			break;
 		CHECK(mesh.vertex_count == counted.vertex_count);
 		CHECK(mesh.triangle_count == counted.triangle_count);
 	}
 	r = out_file_commit(&out, why);
-	if (r == 0 && ret_triangle_count)
-		*ret_triangle_count = counted.triangle_count;
+	if (r == 0 && ret)
+		*ret = (struct mesh_count){ counted.vertex_count, counted.triangle_count };
 	out_file_done(&out);
 	free(circles);
 	return r;

@@ -83,6 +83,12 @@ struct mesh {
 	struct out_file *out;       /* NULL while counting */
 };
 
+/** Has writing failed?  The scene may then end early; nobody will look at it. */
+static inline bool mesh_failed(const struct mesh *mesh)
+{
+	return mesh->out && mesh->out->error != 0;
+}
+
 /** A copy that only counts; what it is told leaves no trace in the file. */
 struct mesh mesh_counter(const struct mesh *mesh);
 
@@ -108,6 +114,7 @@ static inline bool mesh_begin(struct mesh *mesh, uint64_t vertex_count, uint64_t
 	return mesh->pass != MESH_COUNT;
 }
 
+/* Behind the two that follow. */
 void mesh_write_vertex(struct mesh *mesh, struct vec3 position);
 void mesh_write_triangle(struct mesh *mesh, uint32_t a, uint32_t b, uint32_t c);
 
@@ -137,20 +144,27 @@ typedef void (*mesh_scene_fn)(struct mesh *mesh, void *arg);
 struct mesh_file {
 	const char *path;        /* "-": standard output */
 	const char *description; /* one line for the file's header */
+	bool metres;             /* the file says so; else it says nothing of units */
 	struct vec3 shift;
 	bool doubles;
 	bool colours;
 };
 
+/** What was written. */
+struct mesh_count {
+	uint64_t vertices;
+	uint64_t triangles;
+};
+
 /**
  * Writes a scene to a binary little-endian PLY file.
  *
- * ret_triangle_count: may be NULL
+ * ret: may be NULL
  *
  * Returns: 0, -EOVERFLOW when it has more vertices than PLY can number, -ENOMEM, -ECANCELED or
  * -errno; then there is no file, or the one that was there before.
  */
 int mesh_write_file(const struct mesh_file *file, mesh_scene_fn scene, void *arg,
-		    uint64_t *ret_triangle_count, struct why *why);
+		    struct mesh_count *ret, struct why *why);
 
 #endif /* TOOLS_GEN_MESH_H */

@@ -3,7 +3,6 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -12,15 +11,9 @@
 
 #include "formats/base/check.h"
 #include "formats/base/file.h"
+#include "tools/gen/interrupt.h"
 
 #define TEXT_BYTES_MAX 1024
-
-static volatile sig_atomic_t interrupted;
-
-void out_file_interrupt(void)
-{
-	interrupted = 1;
-}
 
 /* A temporary file beside the wanted one, so that the rename stays within its file system. */
 static int open_temporary(struct out_file *out, struct why *why)

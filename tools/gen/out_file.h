@@ -7,7 +7,7 @@
  * written directly.  The first failure is kept, later bytes are thrown away, and out_file_commit()
  * tells it: writers need not look at every call.
  *
- * Threads: one an object.  A signal handler may call out_file_interrupt().
+ * Threads: one an object.
  */
 #ifndef TOOLS_GEN_OUT_FILE_H
 #define TOOLS_GEN_OUT_FILE_H
@@ -56,14 +56,11 @@ void out_file_printf(struct out_file *out, const char *format, ...)
 /**
  * Writes what is left and gives the file its name.
  *
- * Returns: 0, -ECANCELED after out_file_interrupt(), or the first -errno.
+ * Returns: 0, -ECANCELED after a signal (interrupt.h), or the first -errno.
  */
 int out_file_commit(struct out_file *out, struct why *why);
 
 /** Frees all; a file that was not committed is removed. */
 void out_file_done(struct out_file *out);
-
-/** Makes every file of this process fail with -ECANCELED.  Safe in signal handlers. */
-void out_file_interrupt(void);
 
 #endif /* TOOLS_GEN_OUT_FILE_H */

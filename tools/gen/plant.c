@@ -143,7 +143,7 @@ void plant_scene(struct mesh *mesh, void *arg)
 	if (mesh->pass == MESH_COUNT)
 		plan(plant, mesh);
 	cell_count = bay_cell_count(plant);
-	for (uint64_t cell = 0; cell < cell_count; cell++) {
+	for (uint64_t cell = 0; cell < cell_count && !mesh_failed(mesh); cell++) {
 		uint64_t extra = cell_triangles(mesh, plant, cell, plant->level + 1) -
 				 cell_triangles(mesh, plant, cell, plant->level);
 		double share = (double)plant->spare_count * (double)(cell + 1) / (double)cell_count;
@@ -156,5 +156,6 @@ void plant_scene(struct mesh *mesh, void *arg)
 		}
 		bay_make(mesh, plant, cell);
 	}
-	make_heap(mesh, plant, plant->triangle_count - mesh->triangle_count);
+	if (!mesh_failed(mesh))
+		make_heap(mesh, plant, plant->triangle_count - mesh->triangle_count);
 }

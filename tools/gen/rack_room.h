@@ -1,0 +1,16 @@
+/* SPDX-License-Identifier: MIT */
+/** rack_room.h - the shelves, walls and doors of a rack's room, as a model of its own. */
+#ifndef TOOLS_GEN_RACK_ROOM_H
+#define TOOLS_GEN_RACK_ROOM_H
+
+#include "tools/gen/rack_place.h"
+
+/**
+ * A mesh_scene_fn.  In the room's own frame; without a roof, so that the scene shows something from
+ * above.
+ *
+ * arg: a struct rack_room
+ */
+void rack_room_make(struct mesh *mesh, void *arg);
+
+#endif /* TOOLS_GEN_RACK_ROOM_H */
