@@ -17,3 +17,26 @@ target_link_options(fault_store PRIVATE
 	-Wl,--wrap=malloc,--wrap=calloc,--wrap=aligned_alloc,--wrap=strdup,--wrap=realpath
 	-Wl,--wrap=open64,--wrap=openat64,--wrap=fstat64,--wrap=pread64,--wrap=pwrite64
 	-Wl,--wrap=fsync,--wrap=linkat,--wrap=renameat)
+
+# oocd_fuzz(NAME LINK lib...): a fuzzer of tests/fuzz and its corpus as an ordinary test.  With
+# -DOOCD_FUZZ=ON and clang it is a libFuzzer program: build/.../tests/NAME tests/fuzz/corpus/NAME
+option(OOCD_FUZZ "Build the fuzzers with libFuzzer (clang only)" OFF)
+function(oocd_fuzz name)
+	cmake_parse_arguments(F "" "" "LINK" ${ARGN})
+	if(OOCD_FUZZ)
+		add_executable(${name} fuzz/${name}.c)
+		target_compile_options(${name} PRIVATE -fsanitize=fuzzer)
+		target_link_options(${name} PRIVATE -fsanitize=fuzzer)
+		target_link_libraries(${name} PRIVATE oocd_flags ${F_LINK})
+		set_target_properties(${name} PROPERTIES
+			RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
+	else()
+		oocd_test(${name} fuzz SOURCES fuzz/${name}.c fuzz/fuzz_main.c LINK ${F_LINK}
+			ARGS ${CMAKE_CURRENT_SOURCE_DIR}/fuzz/corpus/${name})
+	endif()
+endfunction()
+
+oocd_fuzz(fuzz_store_open LINK oocd_test_helper)
+oocd_fuzz(fuzz_payload LINK oocd_store)
+oocd_fuzz(fuzz_codec LINK oocd_store)
+oocd_test(test_golden_store golden SOURCES golden/test_golden_store.c LINK oocd_test_helper)
