@@ -93,37 +93,27 @@ static bool is_for_room(enum wire_reason reason)
 	return reason == WIRE_REASON_FULL || reason == WIRE_REASON_NO_MEMORY;
 }
 
-static void untell(struct visible *visible, struct want *want)
+/* The want leaves the state that it is in, which may be REFUSED. */
+static void unrefuse(struct visible *visible, struct want *want)
 {
-	uint32_t index = (uint32_t)(want - visible->wants);
-
-	if (want->state == WANT_REFUSED && !want->told)
-		visible->untold_count--;
-	if (want->state == WANT_REFUSED && is_for_room(want->reason))
-		visible->full_count--;
-	want->told = false;
-	if (index < visible->next_untold)
-		visible->next_untold = index;
-}
-
-/* Back from a refusal, or for the first time. */
-static void unrefuse(struct visible *visible, struct want *want, enum want_state state)
-{
-	if (want->state == WANT_REFUSED)
-		untell(visible, want);
+	if (want->state != WANT_REFUSED)
+		return;
+	visible->untold_count -= want->told != want->reason;
+	visible->full_count -= is_for_room(want->reason);
 	want->reason = WIRE_REASON_NONE;
-	set_state(visible, want, state);
 }
 
 static void refuse(struct visible *visible, struct want *want, enum wire_reason reason)
 {
-	if (want->state == WANT_REFUSED && want->reason == reason)
-		return;
-	untell(visible, want);
+	uint32_t index = (uint32_t)(want - visible->wants);
+
+	unrefuse(visible, want);
 	want->reason = reason;
 	set_state(visible, want, WANT_REFUSED);
-	visible->untold_count++;
+	visible->untold_count += want->told != reason;
 	visible->full_count += is_for_room(reason);
+	if (want->told != reason && index < visible->next_untold)
+		visible->next_untold = index;
 }
 
 /* By what the node is now: the want has room, and no hold or one that stays. */
@@ -141,11 +131,13 @@ static void admit_one(struct visible *visible, struct want *want)
 	if (node->state == NODE_ABSENT) {
 		uint32_t index = (uint32_t)(want - visible->wants);
 
-		unrefuse(visible, want, WANT_QUEUED);
+		unrefuse(visible, want);
+		set_state(visible, want, WANT_QUEUED);
 		if (index < visible->next_queued)
 			visible->next_queued = index;
 	} else {
-		unrefuse(visible, want, node->state == NODE_BUSY ? WANT_WAITING : WANT_DRAWABLE);
+		unrefuse(visible, want);
+		set_state(visible, want, node->state == NODE_BUSY ? WANT_WAITING : WANT_DRAWABLE);
 	}
 }
 
@@ -187,7 +179,7 @@ static void admit(struct visible *visible)
 			sum_pages += cost_of(visible, want);
 	}
 	CHECK(own_pages <= pinned_pages);
-	room_pages -= u64_min(room_pages, pinned_pages - own_pages);
+	room_pages -= u64_min(room_pages, pinned_pages - own_pages + visible->unusable_pages);
 
 	for (uint32_t i = 0; i < visible->count; i++) {
 		struct want *want = &visible->wants[i];
@@ -214,6 +206,26 @@ static void admit(struct visible *visible)
 		}
 	}
 	visible->retry_at_bytes = cache->released_bytes + u64_max(need_pages, 1) * WIRE_PAGE_BYTES;
+	if (need_pages == 0)
+		visible->unusable_pages = 0;
+}
+
+/*
+ * There was no place for a want although the sum allowed it.  What is free now is known to be of no
+ * use, and the set is admitted again within the rest, which revokes holds from its end: more
+ * important wants must not starve behind hits that are held at once.
+ */
+static void refuse_for_place(struct visible *visible, uint32_t index)
+{
+	const struct cache *cache = visible->cache;
+	uint64_t unusable_pages = (cache->budget_bytes - cache->pinned_bytes) / WIRE_PAGE_BYTES;
+
+	if (unusable_pages > visible->unusable_pages) {
+		visible->unusable_pages = unusable_pages;
+		admit(visible);
+	}
+	refuse(visible, &visible->wants[index],
+	       cache->short_since_ns > 0 ? WIRE_REASON_NO_MEMORY : WIRE_REASON_FULL);
 }
 
 /* ---- stores ---- */
@@ -272,7 +284,7 @@ static void recount(struct visible *visible)
 		visible->counts[want->state]++;
 		if (want->state != WANT_REFUSED)
 			continue;
-		visible->untold_count += !want->told;
+		visible->untold_count += want->told != want->reason;
 		visible->full_count += is_for_room(want->reason);
 	}
 }
@@ -503,36 +515,37 @@ void visible_retire(struct visible *visible, uint64_t serial)
 
 void visible_retry(struct visible *visible)
 {
-	if (visible->full_count > 0 && visible->cache->released_bytes >= visible->retry_at_bytes)
-		admit(visible);
+	if (visible->full_count == 0 || visible->cache->released_bytes < visible->retry_at_bytes)
+		return;
+	/* What was let go may lie where it joins something. */
+	visible->unusable_pages -= (visible->unusable_pages + 3) / 4;
+	admit(visible);
 }
 
 bool visible_next(struct visible *visible, struct queue_want *ret)
 {
 	const struct cache *cache = visible->cache;
 
-	for (; visible->next_queued < visible->count; visible->next_queued++) {
+	/* Each turn takes a want out of QUEUED; only one that is not QUEUED is passed. */
+	while (visible->next_queued < visible->count) {
 		struct want *want = &visible->wants[visible->next_queued];
 		enum node_state state = node_of(visible, want)->state;
 
-		if (want->state != WANT_QUEUED)
-			continue;
-		if (state == NODE_DAMAGED) {
+		if (want->state != WANT_QUEUED) {
+			visible->next_queued++;
+		} else if (state == NODE_DAMAGED) {
 			refuse(visible, want, WIRE_REASON_DAMAGED);
-			continue;
-		}
-		if (state != NODE_ABSENT) {
+		} else if (state != NODE_ABSENT) {
 			admit_one(visible, want);
-			continue;
+		} else if (visible->full_pages > 0 &&
+			   cache->released_bytes == visible->full_at_bytes &&
+			   pages_of(visible, want) >= visible->full_pages) {
+			/* Nothing was let go since a place for as much was not to be found. */
+			refuse_for_place(visible, visible->next_queued);
+		} else {
+			*ret = (struct queue_want){ served_of(visible, want), want->node };
+			return true;
 		}
-		/* Nothing was let go since a place for as much was not to be found. */
-		if (visible->full_pages > 0 && cache->released_bytes == visible->full_at_bytes &&
-		    pages_of(visible, want) >= visible->full_pages) {
-			refuse(visible, want, WIRE_REASON_FULL);
-			continue;
-		}
-		*ret = (struct queue_want){ served_of(visible, want), want->node };
-		return true;
 	}
 	return false;
 }
@@ -595,9 +608,9 @@ uint32_t visible_take_refusals(struct visible *visible, struct wire_refusal *ret
 		struct want *want = &visible->wants[visible->next_untold];
 
 		CHECK(visible->next_untold < visible->count);
-		if (want->state != WANT_REFUSED || want->told)
+		if (want->state != WANT_REFUSED || want->told == want->reason)
 			continue;
-		want->told = true;
+		want->told = want->reason;
 		visible->untold_count--;
 		ret[count++] = (struct wire_refusal){ want->slot, want->node, want->reason };
 	}
@@ -671,7 +684,7 @@ void visible_check(const struct visible *visible)
 		counts[want->state]++;
 		held_count += want->holding;
 		held_pages += want->holding ? pages_of(visible, want) : 0;
-		untold_count += refused && !want->told;
+		untold_count += refused && want->told != want->reason;
 		full_count += refused && is_for_room(want->reason);
 	}
 	CHECK(memcmp(counts, visible->counts, sizeof(counts)) == 0);

@@ -21,7 +21,8 @@
  *	any with a hold     RETAINED   a new set has it not
  *	RETAINED            (gone)     retired
  *
- * Room: what the session may hold is the cache without what others hold.  The set is walked from
+ * Room: what the session may hold is the cache without what others hold, and without what turned
+ * out to be of no use because what is held lies scattered.  The set is walked from
  * its most important node; what no longer fits is refused, and a hold on it is *revoked*: its grant
  * bit is cleared at once, the hold itself is given up when the client has retired the sets before
  * the next one, for until then it may be drawing the node.
@@ -65,8 +66,8 @@ struct want {
 	uint32_t node;
 	enum want_state state;
 	enum wire_reason reason; /* while REFUSED */
+	enum wire_reason told;   /* the last reason that the client was told in this set */
 	bool holding;
-	bool told; /* of the refusal, for this serial */
 };
 
 struct visible {
@@ -94,6 +95,8 @@ struct visible {
 	/* No place for so many pages was found when the cache had released so much. */
 	uint32_t full_pages;
 	uint64_t full_at_bytes;
+	/* Pages of the cache that were then held by nobody and yet of no use: what is held is scattered. */
+	uint64_t unusable_pages;
 
 	uint32_t held_count; /* holds */
 	uint64_t held_pages;
