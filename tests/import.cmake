@@ -2,6 +2,6 @@
 add_library(oocd_import_kit STATIC ${CMAKE_CURRENT_LIST_DIR}/unit/import_kit.c)
 target_link_libraries(oocd_import_kit PUBLIC oocd_import oocd_test_helper PkgConfig::ZLIB)
 
-foreach(name test_number test_source test_polygon test_join)
+foreach(name test_number test_source test_polygon test_join test_ply test_obj test_stl test_vrml)
 	oocd_test(${name} unit SOURCES unit/${name}.c LINK oocd_import_kit)
 endforeach()

@@ -105,8 +105,6 @@ static int import_job_run(struct import_job *job, struct why *why)
 		r = why_set(why, -ENODATA, "it is empty");
 	else
 		r = importer->import(job, why);
-	if (r == -ECANCELED)
-		(void)why_set(why, r, "cancelled");
 	job->source = source_close(job->source);
 	return r;
 }
@@ -128,6 +126,8 @@ int import_file(const char *path, const struct import_options *options,
 	};
 	int r = import_job_run(&job, why);
 
+	if (r == -ECANCELED)
+		(void)why_set(why, r, "cancelled");
 	if (r < 0) {
 		why_prefix(why, "%s", path);
 		return r;

@@ -312,8 +312,8 @@ static int take_line(struct obj *obj, const char *line, size_t length, struct wh
 			return take_normal(obj, line + 3, why);
 		return 0;
 	}
-	if (*line == 'f' && is_gap(line[1]))
-		return take_face(obj, line + 2, why);
+	if (*line == 'f' && (is_gap(line[1]) || line + 1 == end))
+		return take_face(obj, line + 1, why);
 	if (*line == '\0' && line < end)
 		return line_fault(obj, why, "a zero byte: this is no text");
 	return take_names_line(obj, line, end, why);

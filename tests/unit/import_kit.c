@@ -15,6 +15,8 @@
 #include "tests/helper.h"
 #include "tests/unit/import_kit.h"
 
+size_t kit_batch_fails_at;
+
 static void *grow(void *array, size_t count, size_t item_bytes)
 {
 	/* To powers of two: only when the count has reached one. */
@@ -64,7 +66,7 @@ static int record_batch(void *arg, const struct import_batch *batch, struct why 
 {
 	struct kit_model *model = arg;
 
-	if (++model->batch_count == model->batch_fails_at)
+	if (++model->batch_count == kit_batch_fails_at)
 		return why_set(why, -ENOSPC, "the sink is full");
 	assert_true(batch->triangle_count > 0);
 	assert_true(batch->triangle_count <= IMPORT_BATCH_TRIANGLES);

@@ -38,10 +38,11 @@ struct kit_model {
 	bool has_normals; /* any batch had them */
 	bool has_colours;
 	uint64_t progress_last;
-	/* What the sink does. */
-	size_t batch_fails_at; /* 1: the first call returns -ENOSPC */
 	size_t batch_count;
 };
+
+/** The sink answers the batch of this number, counted from 1, with -ENOSPC; 0: none. */
+extern size_t kit_batch_fails_at;
 
 /** Imports a file, by options or (NULL) with 64 MiB and scratch files beside it. */
 struct kit_model *kit_import(const char *path, const struct import_options *options);
