@@ -2,6 +2,11 @@
 add_library(oocd_import_kit STATIC ${CMAKE_CURRENT_LIST_DIR}/unit/import_kit.c)
 target_link_libraries(oocd_import_kit PUBLIC oocd_import oocd_test_helper PkgConfig::ZLIB)
 
-foreach(name test_number test_source test_polygon test_join test_ply test_obj test_stl test_vrml)
+foreach(name test_number test_source test_polygon test_join test_ply test_obj test_stl test_vrml
+	test_inputs)
 	oocd_test(${name} unit SOURCES unit/${name}.c LINK oocd_import_kit)
 endforeach()
+oocd_test(test_assimp integration
+	SOURCES integration/test_assimp.c LINK oocd_import_kit Threads::Threads)
+oocd_test(test_import_data integration
+	SOURCES integration/test_import_data.c LINK oocd_import_kit TIMEOUT 300)
