@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <cmocka.h>
@@ -168,4 +169,38 @@ void test_file_write(const char *path, const void *data, size_t size_bytes)
 
 	if (!file || fwrite(data, 1, size_bytes, file) != size_bytes || fclose(file) != 0)
 		fail_msg("%s: cannot be written", path);
+}
+
+/* ---- programs ---- */
+
+int test_command(char *ret_output, size_t output_bytes, const char *format, ...)
+{
+	char command[4096];
+	char shell[4096 + 16];
+	char rest[512];
+	size_t length = 0;
+	va_list arguments;
+	FILE *pipe;
+	int status;
+
+	va_start(arguments, format);
+	length = (size_t)vsnprintf(command, sizeof(command), format, arguments);
+	va_end(arguments);
+	/* Both outputs; a redirection in the command itself has the last word. */
+	if (length >= sizeof(command) ||
+	    snprintf(shell, sizeof(shell), "{ %s\n} 2>&1", command) >= (int)sizeof(shell))
+		fail_msg("the command is too long");
+	pipe = popen(shell, "re");
+	if (!pipe)
+		fail_msg("%s: %s", command, strerror(errno));
+	length = ret_output ? fread(ret_output, 1, output_bytes - 1, pipe) : 0;
+	if (ret_output)
+		ret_output[length] = '\0';
+	/* A program whose output nobody reads would wait for ever. */
+	while (fread(rest, 1, sizeof(rest), pipe) > 0)
+		;
+	status = pclose(pipe);
+	if (!WIFEXITED(status))
+		fail_msg("%s: ended by signal %d", command, WTERMSIG(status));
+	return WEXITSTATUS(status);
 }

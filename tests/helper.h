@@ -56,6 +56,18 @@ const char *test_folder_list(const char *folder);
 void *test_file_read(const char *path, size_t *ret_bytes);
 void test_file_write(const char *path, const void *data, size_t size_bytes);
 
+/* ---- programs ---- */
+
+/**
+ * Runs a shell command and waits for it.  "$OOCD_BIN" in it is where our programs are.
+ *
+ * ret_output:  the beginning of what it said on both outputs, terminated; may be NULL.
+ *
+ * Returns: its exit status; a signal fails the test.
+ */
+int test_command(char *ret_output, size_t output_bytes, const char *format, ...)
+	__attribute__((format(printf, 3, 4)));
+
 /* ---- stores ---- */
 
 /**

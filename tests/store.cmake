@@ -40,3 +40,7 @@ oocd_fuzz(fuzz_store_open LINK oocd_test_helper)
 oocd_fuzz(fuzz_payload LINK oocd_store)
 oocd_fuzz(fuzz_codec LINK oocd_store)
 oocd_test(test_golden_store golden SOURCES golden/test_golden_store.c LINK oocd_test_helper)
+
+oocd_test(test_oocctl integration SOURCES integration/test_oocctl.c
+	LINK oocd_test_helper PkgConfig::JANSSON)
+add_dependencies(test_oocctl oocctl)
