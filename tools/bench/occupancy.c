@@ -10,41 +10,61 @@
 #include "formats/store/payload.h"
 #include "tools/bench/measure.h"
 
-/** Free voxels around the model. */
+/** Voxels around the region. */
 #define BORDER_VOXELS 3
+/** Voxels along an edge of a region whose voxel is not given. */
+#define SIDE_MAX 2000.0
 /** Points of a triangle are this far apart, in voxels. */
 #define SAMPLE_DISTANCE 0.5
 
-/* Chooses axes and the finest voxel that the memory allows. */
-static void grid_choose(struct occupancy *occupancy, const struct store_superblock *superblock)
+static void region_whole(const struct occupancy *occupancy,
+			 const struct store_superblock *superblock, struct occupancy_region *ret)
 {
-	unsigned up = superblock->up_axis == STORE_AXIS_UNKNOWN ? 2 : superblock->up_axis - 1;
-	double extent[3];
+	*ret = (struct occupancy_region){ .voxel = 0.0 };
+	for (unsigned i = 0; i < 3; i++) {
+		ret->low[i] = superblock->box_min[occupancy->world[i]];
+		ret->high[i] = superblock->box_max[occupancy->world[i]];
+	}
+}
+
+/* The wanted voxel, or the finest that the memory allows. */
+static void grid_choose(struct occupancy *occupancy, const struct occupancy_region *region)
+{
 	double largest = 0.0;
 
-	for (unsigned i = 0; i < 3; i++) {
-		unsigned axis = (up + 1 + i) % 3;
-
-		occupancy->world[i] = axis;
-		extent[i] = superblock->box_max[axis] - superblock->box_min[axis];
-		largest = fmax(largest, extent[i]);
-	}
+	for (unsigned i = 0; i < 3; i++)
+		largest = fmax(largest, region->high[i] - region->low[i]);
 	/* A model that is a point still has a voxel. */
-	occupancy->voxel = fmax(largest / 2000.0, 1e-9);
+	occupancy->voxel = fmax(fmax(region->voxel, largest / SIDE_MAX), 1e-9);
 	for (;; occupancy->voxel *= 1.02) {
 		uint64_t voxels = 1;
 
 		for (unsigned i = 0; i < 3; i++) {
+			double extent = region->high[i] - region->low[i];
+
 			occupancy->size[i] =
-				(uint32_t)(extent[i] / occupancy->voxel) + 1 + 2 * BORDER_VOXELS;
+				(uint32_t)(extent / occupancy->voxel) + 1 + 2 * BORDER_VOXELS;
 			voxels *= occupancy->size[i];
 		}
 		if (voxels <= OCCUPANCY_VOXELS_MAX)
 			break;
 	}
 	for (unsigned i = 0; i < 3; i++)
-		occupancy->corner[i] =
-			superblock->box_min[occupancy->world[i]] - BORDER_VOXELS * occupancy->voxel;
+		occupancy->corner[i] = region->low[i] - BORDER_VOXELS * occupancy->voxel;
+}
+
+/* Is all of a box, given in the model's axes, outside of the grid? */
+static bool box_is_outside(const struct occupancy *occupancy, const double low[3],
+			   const double high[3])
+{
+	for (unsigned i = 0; i < 3; i++) {
+		unsigned axis = occupancy->world[i];
+
+		if (high[axis] < occupancy->corner[i] ||
+		    low[axis] > occupancy->corner[i] + occupancy->size[i] * occupancy->voxel)
+			return true;
+	}
+	return false;
 }
 
 static void point_mark(struct occupancy *occupancy, const double point[3])
@@ -65,8 +85,16 @@ static void point_mark(struct occupancy *occupancy, const double point[3])
 static void triangle_mark(struct occupancy *occupancy, const double corners[3][3])
 {
 	double longest = 0.0;
+	double low[3];
+	double high[3];
 	uint32_t steps;
 
+	for (unsigned k = 0; k < 3; k++) {
+		low[k] = fmin(corners[0][k], fmin(corners[1][k], corners[2][k]));
+		high[k] = fmax(corners[0][k], fmax(corners[1][k], corners[2][k]));
+	}
+	if (box_is_outside(occupancy, low, high))
+		return;
 	for (unsigned c = 0; c < 3; c++) {
 		const double *a = corners[c];
 		const double *b = corners[(c + 1) % 3];
@@ -105,6 +133,19 @@ static void payload_mark(struct occupancy *occupancy, const void *payload)
 	}
 }
 
+static bool is_needed(const struct occupancy *occupancy, const struct store_node *node)
+{
+	double low[3];
+	double high[3];
+
+	for (unsigned k = 0; k < 3; k++) {
+		low[k] = node->box_min[k];
+		high[k] = node->box_max[k];
+	}
+	return node->first_child == STORE_NODE_NONE && node->payload_id != 0 &&
+	       !box_is_outside(occupancy, low, high);
+}
+
 static int leaves_mark(struct occupancy *occupancy, const struct store_file *store,
 		       const struct store_node *nodes, struct why *why)
 {
@@ -120,7 +161,7 @@ static int leaves_mark(struct occupancy *occupancy, const struct store_file *sto
 
 		if (measure_was_cancelled())
 			r = why_set(why, -ECANCELED, "interrupted");
-		if (r < 0 || node->first_child != STORE_NODE_NONE || node->payload_id == 0)
+		if (r < 0 || !is_needed(occupancy, node))
 			continue;
 		r = store_read_payload(store, node, payload, scratch, why);
 		if (r == 0)
@@ -132,15 +173,23 @@ static int leaves_mark(struct occupancy *occupancy, const struct store_file *sto
 }
 
 int occupancy_make(const struct store_file *store, const struct store_node *nodes,
-		   struct occupancy *ret, struct why *why)
+		   const struct occupancy_region *region, struct occupancy *ret, struct why *why)
 {
 	const struct store_superblock *superblock = store_superblock(store);
+	unsigned up = superblock->up_axis == STORE_AXIS_UNKNOWN ? 2 : superblock->up_axis - 1;
 	struct occupancy occupancy = { .full = NULL };
+	struct occupancy_region whole;
 	int r;
 
 	if (superblock->triangle_count == 0)
 		return why_set(why, -ENODATA, "the store has no triangles");
-	grid_choose(&occupancy, superblock);
+	for (unsigned i = 0; i < 3; i++)
+		occupancy.world[i] = (up + 1 + i) % 3;
+	if (!region) {
+		region_whole(&occupancy, superblock, &whole);
+		region = &whole;
+	}
+	grid_choose(&occupancy, region);
 	occupancy.full = calloc((size_t)occupancy.size[0] * occupancy.size[1], occupancy.size[2]);
 	if (!occupancy.full)
 		return why_set(why, -ENOMEM, "out of memory");

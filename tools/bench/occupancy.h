@@ -1,10 +1,9 @@
 /* SPDX-License-Identifier: MIT */
 /**
- * occupancy.h - where in a store there is something: a grid of voxels.
+ * occupancy.h - where in a store, or in a part of it, there is something: a grid of voxels.
  *
  * Axis 2 of the grid points up, whatever the store's up axis is.  A voxel is full when a triangle
- * has a point in it (sampled finely enough that nothing can pass between); a border of free voxels
- * lies around the model.
+ * has a point in it (sampled finely enough that nothing can pass between).
  *
  * Memory: a byte a voxel, at most OCCUPANCY_VOXELS_MAX.  Geometry is streamed, node by node.
  */
@@ -18,7 +17,7 @@
 #include "formats/base/why.h"
 #include "formats/store/store_file.h"
 
-#define OCCUPANCY_VOXELS_MAX (UINT64_C(1) << 26)
+#define OCCUPANCY_VOXELS_MAX (UINT64_C(1) << 27)
 
 struct occupancy {
 	uint32_t size[3];
@@ -35,14 +34,22 @@ static inline size_t occupancy_index(const struct occupancy *occupancy, uint32_t
 	return ((size_t)y * occupancy->size[0] + x) * occupancy->size[2] + z;
 }
 
+/** What a grid is to hold: a box in the grid's axes, from the store's origin, in model units. */
+struct occupancy_region {
+	double low[3], high[3];
+	double voxel; /* edge; 0: as fine as the memory allows.  Made larger where it is too fine. */
+};
+
 /**
- * Reads all leaves of a store.
+ * Reads the leaves of a store that are in a region.
+ *
+ * region:  NULL: the whole store.
  *
  * Returns: 0, -ENODATA (a store without triangles), -ENOMEM, -ECANCELED, or what reading said.
  * Ownership: ends with occupancy_done().
  */
 int occupancy_make(const struct store_file *store, const struct store_node *nodes,
-		   struct occupancy *ret, struct why *why);
+		   const struct occupancy_region *region, struct occupancy *ret, struct why *why);
 void occupancy_done(struct occupancy *occupancy);
 
 /** A point of the grid, in voxels, as a point of the world in model units. */

@@ -159,16 +159,23 @@ static int path_walk(const struct store_file *store, const struct path_options *
 	struct store_node *nodes = calloc(superblock->node_count + 1, sizeof(*nodes));
 	struct occupancy occupancy = { .full = NULL };
 	struct walk walk = { .points = NULL };
+	struct walk_site site;
 	int r;
 
 	if (!nodes)
 		return why_set(why, -ENOMEM, "out of memory");
 	r = store_load_hs(store, nodes, why);
+	/* The whole coarsely, to find where the rooms are; then these, finely. */
 	if (r == 0)
-		r = occupancy_make(store, nodes, &occupancy, why);
+		r = occupancy_make(store, nodes, NULL, &occupancy, why);
 	if (r == 0)
-		r = walk_make(&occupancy, superblock->unit_metres, options->seed,
-			      options->frame_count, &walk, why);
+		r = walk_survey(&occupancy, superblock->unit_metres, options->seed, &site, why);
+	occupancy_done(&occupancy);
+	if (r == 0)
+		r = occupancy_make(store, nodes, &site.region, &occupancy, why);
+	if (r == 0)
+		r = walk_make(&occupancy, site.storey, options->seed, options->frame_count, &walk,
+			      why);
 	if (r == 0) {
 		walk_look(&walk, &occupancy, superblock, result->cameras);
 		result->camera_count = walk.point_count;

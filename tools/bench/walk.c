@@ -10,18 +10,18 @@
 #include "formats/base/bytes.h"
 #include "tools/bench/measure.h"
 
-/* A person in a storey of 3.5 m: shares of the storey. */
-#define STOREY_METRES 3.5
-#define EYE_SHARE     0.46 /* 1.6 m */
-#define HEAD_SHARE    0.52 /* 1.8 m */
+/* A person in a storey of 3.8 m, free height: shares of the storey. */
+#define STOREY_METRES 3.8
+#define EYE_SHARE     0.42 /* 1.6 m */
+#define HEAD_SHARE    0.46 /* 1.75 m */
 #define KNEE_SHARE    0.15 /* what is lower is stepped over */
-#define RADIUS_SHARE  0.08 /* 28 cm: a door of 80 cm lets it through */
+#define RADIUS_SHARE  0.05 /* 19 cm: through a door that is not quite open */
 #define STEP_SHARE    0.07 /* 25 cm up or down from one voxel to the next */
 /** A person fits where storeys are within these. */
 #define PERSON_STOREY_MIN_METRES 2.1
 #define PERSON_STOREY_MAX_METRES 40.0
-/** Below it the voxels are too coarse to tell a door from a wall. */
-#define STOREY_VOXELS_MIN 6.0
+/** Voxels of the fine grid to a storey: a door is nine of them wide. */
+#define STOREY_VOXELS 40.0
 /** Storeys a second at 30 points a second: a brisk walk through a building. */
 #define SPACING_SHARE 0.02
 
@@ -33,7 +33,7 @@
 #define SMOOTHING_SHRINKS 0.8 /* a smooth way is at least this share of the first one's length */
 
 struct walker {
-	double storey, eye, head, knee, radius;
+	double eye, head, knee, radius; /* voxels */
 	uint32_t step;
 };
 
@@ -110,31 +110,129 @@ static double storey_find(const struct occupancy *occupancy, bool is_roofed)
 	return length;
 }
 
-static int walker_choose(const struct occupancy *occupancy, double unit_metres, struct walker *ret,
-			 struct why *why)
-{
-	double storey = storey_find(occupancy, true);
-	double metres;
+/* ---- the survey ---- */
 
+/** Volume of the rooms, slice by slice along each axis. */
+struct rooms {
+	double *slices[3];
+	double total;
+};
+
+/* Rooms are free runs between a floor and a ceiling whose height is about a storey. */
+static int rooms_measure(const struct occupancy *occupancy, double storey, bool is_roofed,
+			 struct rooms *ret)
+{
+	uint32_t height = occupancy->size[2];
+	struct rooms rooms = { .total = 0.0 };
+
+	for (unsigned i = 0; i < 3; i++)
+		rooms.slices[i] = calloc(occupancy->size[i], sizeof(double));
+	*ret = rooms;
+	if (!rooms.slices[0] || !rooms.slices[1] || !rooms.slices[2])
+		return -ENOMEM;
+	for (size_t column = 0; column < (size_t)occupancy->size[0] * occupancy->size[1];
+	     column++) {
+		const uint8_t *full = &occupancy->full[column * height];
+		uint32_t begin = 0; /* of the run: above the last full voxel */
+
+		for (uint32_t z = 0; z <= height; z++) {
+			uint32_t run = z - begin;
+
+			if (z < height && !full[z])
+				continue;
+			if (begin > 0 && (z < height || !is_roofed) && run >= 0.5 * storey &&
+			    run <= 3.0 * storey) {
+				rooms.slices[0][column % occupancy->size[0]] += run;
+				rooms.slices[1][column / occupancy->size[0]] += run;
+				for (uint32_t k = begin; k < z; k++)
+					rooms.slices[2][k] += 1.0;
+				ret->total += run;
+			}
+			begin = z + 1;
+		}
+	}
+	return 0;
+}
+
+static void rooms_done(struct rooms *rooms)
+{
+	for (unsigned i = 0; i < 3; i++)
+		free(rooms->slices[i]);
+}
+
+/* The slice below which a share of the rooms lies. */
+static double rooms_quantile(const struct rooms *rooms, const struct occupancy *occupancy,
+			     unsigned axis, double share)
+{
+	double sum = 0.0;
+
+	for (uint32_t i = 0; i < occupancy->size[axis]; i++) {
+		sum += rooms->slices[axis][i];
+		if (sum >= share * rooms->total)
+			return i;
+	}
+	return occupancy->size[axis];
+}
+
+/* The part of the model that has the rooms, as much of it as a grid of fine voxels can hold. */
+static void site_choose(const struct occupancy *coarse, const struct rooms *rooms, double storey,
+			uint64_t seed, struct walk_site *ret)
+{
+	struct ground lottery = { .random = seed };
+	struct occupancy_region *region = &ret->region;
+	double voxels = 1.0;
+
+	ret->storey = storey * coarse->voxel;
+	region->voxel = ret->storey / STOREY_VOXELS;
+	for (unsigned i = 0; i < 3; i++) {
+		double low = rooms_quantile(rooms, coarse, i, 0.005) - 0.5 * storey;
+		double high = rooms_quantile(rooms, coarse, i, 0.995) + 0.5 * storey;
+
+		region->low[i] = coarse->corner[i] + low * coarse->voxel;
+		region->high[i] = coarse->corner[i] + high * coarse->voxel;
+		voxels *= (region->high[i] - region->low[i]) / region->voxel + 8.0;
+	}
+	for (unsigned i = 0; voxels > (double)OCCUPANCY_VOXELS_MAX && i < 2; i++) {
+		/* A share of the middle axis; the height is kept, for stairs. */
+		double extent = region->high[i] - region->low[i];
+		double kept = extent * sqrt((double)OCCUPANCY_VOXELS_MAX / voxels) * 0.98;
+		double share = (double)(random_bits(&lottery) >> 11) * 0x1p-53;
+		double middle =
+			coarse->corner[i] + rooms_quantile(rooms, coarse, i, share) * coarse->voxel;
+		double low =
+			fmin(fmax(middle - 0.5 * kept, region->low[i]), region->high[i] - kept);
+
+		region->low[i] = low;
+		region->high[i] = low + kept;
+	}
+}
+
+int walk_survey(const struct occupancy *coarse, double unit_metres, uint64_t seed,
+		struct walk_site *ret, struct why *why)
+{
+	bool is_roofed = true;
+	double storey = storey_find(coarse, true);
+	struct rooms rooms;
+	double metres;
+	int r;
+
+	if (storey == 0.0) {
+		is_roofed = false;
+		storey = storey_find(coarse, false);
+	}
 	if (storey == 0.0)
-		storey = storey_find(occupancy, false);
-	metres = storey * occupancy->voxel * unit_metres;
+		return why_set(why, -ENODATA,
+			       "there is no floor to walk on; --kind orbit needs none");
+	r = rooms_measure(coarse, storey, is_roofed, &rooms);
+	if (r < 0) {
+		rooms_done(&rooms);
+		return why_errno(why, r, "no walk");
+	}
+	metres = storey * coarse->voxel * unit_metres;
 	if (metres >= PERSON_STOREY_MIN_METRES && metres <= PERSON_STOREY_MAX_METRES)
 		storey *= STOREY_METRES / metres;
-	if (storey < STOREY_VOXELS_MIN)
-		return why_set(why, -ENODATA,
-			       storey == 0.0
-				       ? "there is no floor to walk on; --kind orbit needs none"
-				       : "its rooms are too small beside the whole for a walk "
-					 "to be found; --kind orbit needs none");
-	*ret = (struct walker){
-		.storey = storey,
-		.eye = EYE_SHARE * storey,
-		.head = HEAD_SHARE * storey,
-		.knee = KNEE_SHARE * storey,
-		.radius = RADIUS_SHARE * storey,
-		.step = (uint32_t)fmax(1.0, rint(STEP_SHARE * storey)),
-	};
+	site_choose(coarse, &rooms, storey, seed, ret);
+	rooms_done(&rooms);
 	return 0;
 }
 
@@ -179,11 +277,12 @@ static void column_stand(struct ground *ground, uint32_t x, uint32_t y)
 	const uint8_t *full = &occupancy->full[occupancy_index(occupancy, x, y, 0)];
 	uint32_t height = occupancy->size[2];
 
-	for (uint32_t floor_z = 0; floor_z + 1 < height; floor_z++) {
+	for (uint32_t floor_z = 0; floor_z + 1 + (uint32_t)walker->head < height; floor_z++) {
 		uint32_t z = floor_z + 1 + (uint32_t)walker->eye;
 		double eye[3] = { x + 0.5, y + 0.5, z + 0.5 };
 
-		if (!full[floor_z] || full[floor_z + 1] || z >= height ||
+		/* Right above the floor all must be free; around, what is below the knee may stay. */
+		if (!full[floor_z] || memchr(&full[floor_z + 1], 1, (size_t)walker->head) ||
 		    !is_free(occupancy, walker, eye, walker->radius))
 			continue;
 		ground->stands[ground->stand_count++] = (struct stand){
@@ -268,7 +367,7 @@ static int components_find(struct ground *ground)
 		while (begin < end) {
 			uint32_t index = queue[begin++];
 
-			weight += ground->stands[index].is_roofed ? 1.0 : 0.1;
+			weight += ground->stands[index].is_roofed ? 1.0 : 1e-6;
 			for (unsigned direction = 0; direction < 8; direction++) {
 				uint32_t beside = stand_beside(ground, index, direction);
 
@@ -570,13 +669,10 @@ static size_t way_resample(const struct way *way, double spacing, struct walk_po
 	return count;
 }
 
-static int ground_make(struct ground *ground, double unit_metres, struct why *why)
+static int ground_make(struct ground *ground, struct why *why)
 {
-	int r = walker_choose(ground->occupancy, unit_metres, &ground->walker, why);
+	int r = stands_find(ground);
 
-	if (r < 0)
-		return r;
-	r = stands_find(ground);
 	if (r == 0 && ground->stand_count == 0)
 		return why_set(why, -ENODATA,
 			       "there is no floor to walk on; --kind orbit needs none");
@@ -587,19 +683,31 @@ static int ground_make(struct ground *ground, double unit_metres, struct why *wh
 	return r < 0 ? why_errno(why, r, "no walk") : 0;
 }
 
-int walk_make(const struct occupancy *occupancy, double unit_metres, uint64_t seed,
-	      size_t point_count, struct walk *ret, struct why *why)
+static struct walker walker_of_storey(double storey)
 {
-	struct ground ground = { .occupancy = occupancy, .random = seed };
-	struct walk walk = { .points = NULL };
+	return (struct walker){
+		.eye = EYE_SHARE * storey,
+		.head = HEAD_SHARE * storey,
+		.knee = KNEE_SHARE * storey,
+		.radius = RADIUS_SHARE * storey,
+		.step = (uint32_t)fmax(1.0, rint(STEP_SHARE * storey)),
+	};
+}
+
+int walk_make(const struct occupancy *fine, double storey, uint64_t seed, size_t point_count,
+	      struct walk *ret, struct why *why)
+{
+	struct walk walk = { .storey = storey / fine->voxel };
+	struct ground ground = { .occupancy = fine,
+				 .walker = walker_of_storey(walk.storey),
+				 .random = seed };
 	struct way way = { 0 };
 	double length;
 	int r;
 
-	r = ground_make(&ground, unit_metres, why);
+	r = ground_make(&ground, why);
 	if (r < 0)
 		goto out;
-	walk.storey = ground.walker.storey;
 	walk.spacing = SPACING_SHARE * walk.storey;
 	length = walk.spacing * (double)(point_count + 1);
 	walk.points = calloc(point_count, sizeof(*walk.points));

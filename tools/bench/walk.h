@@ -4,7 +4,7 @@
  *
  * Nothing says how large a model is, so the walker's size comes from the model: its storeys are the
  * heights between a floor and what is above it, and the walker fits them as a person fits a storey
- * of three metres and a half.  Where units are known and a person fits, it is one.
+ * of 3.8 metres.  Where units are known and a person fits, it is one.
  *
  * The same occupancy, seed and length give the same way.
  */
@@ -16,6 +16,23 @@
 
 #include "formats/base/why.h"
 #include "tools/bench/occupancy.h"
+
+/** Where to walk: found on a coarse grid of the whole, to be looked at on a fine one. */
+struct walk_site {
+	struct occupancy_region region; /* what the fine grid is to hold */
+	double storey;                  /* model units */
+};
+
+/**
+ * Finds the storeys of a model and the part of it that has them.
+ *
+ * unit_metres:  of a model unit; 0: unknown.
+ * seed:         chooses the part where there is too much for a fine grid.
+ *
+ * Returns: 0, -ENODATA (nothing stands on or under anything) or -ENOMEM.
+ */
+int walk_survey(const struct occupancy *coarse, double unit_metres, uint64_t seed,
+		struct walk_site *ret, struct why *why);
 
 struct walk_point {
 	double at[3]; /* the eye, in voxels of the grid */
@@ -31,13 +48,13 @@ struct walk {
 /**
  * Finds a way of point_count points.
  *
- * unit_metres:  of a model unit; 0: unknown.
+ * storey:  model units, from the survey.
  *
  * Returns: 0, -ENODATA (there is no floor to walk on), -ENOMEM or -ECANCELED.
  * Ownership: ends with walk_done().
  */
-int walk_make(const struct occupancy *occupancy, double unit_metres, uint64_t seed,
-	      size_t point_count, struct walk *ret, struct why *why);
+int walk_make(const struct occupancy *fine, double storey, uint64_t seed, size_t point_count,
+	      struct walk *ret, struct why *why);
 void walk_done(struct walk *walk);
 
 #endif /* TOOLS_BENCH_WALK_H */
