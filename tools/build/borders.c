@@ -12,6 +12,9 @@
 
 /** Triangles of a bucket that are read at a time to look for border positions. */
 #define SCAN_TRIANGLES 8192u
+/** 16 KiB: it stays in the nearest cache while a bucket's triangles pass by. */
+#define FILTER_BITS  17
+#define FILTER_WORDS ((UINT32_C(1) << FILTER_BITS) / 64)
 
 uint64_t borders_worker_bytes(const struct grid *grid)
 {
@@ -41,7 +44,8 @@ struct answerer {
 	uint32_t bucket;
 	uint32_t *rows; /* the records */
 	uint32_t row_count;
-	uint32_t *slots; /* of a hash table of positions: position + 1 */
+	uint64_t filter[FILTER_WORDS]; /* a bit for the hash of each position: most have none */
+	uint32_t *slots;               /* of a hash table of positions: position + 1 */
 	uint32_t slot_count;
 	uint32_t *position_row; /* per position: a row that has it */
 	uint32_t *position_head;
@@ -77,11 +81,25 @@ static const uint32_t *row_of(const struct answerer *answerer, uint32_t row)
 	return answerer->rows + (size_t)row * border_words(answerer->borders->grid);
 }
 
+static void filter_add(struct answerer *answerer, uint32_t hash)
+{
+	uint32_t bit = hash >> (32 - FILTER_BITS);
+
+	answerer->filter[bit / 64] |= UINT64_C(1) << bit % 64;
+}
+
+static bool filter_has(const struct answerer *answerer, uint32_t hash)
+{
+	uint32_t bit = hash >> (32 - FILTER_BITS);
+
+	return answerer->filter[bit / 64] >> bit % 64 & 1;
+}
+
 /* The slot where a key is, or belongs. */
-static uint32_t slot_of(const struct answerer *answerer, const uint32_t key[6])
+static uint32_t slot_of(const struct answerer *answerer, const uint32_t key[6], uint32_t hash)
 {
 	const struct grid *grid = answerer->borders->grid;
-	uint32_t slot = record_key_hash(key) & (answerer->slot_count - 1);
+	uint32_t slot = hash & (answerer->slot_count - 1);
 
 	while (answerer->slots[slot] != 0) {
 		uint32_t row = answerer->position_row[answerer->slots[slot] - 1];
@@ -134,15 +152,19 @@ static int load_rows(struct answerer *answerer, struct why *why)
 	r = exchange_read(borders->records, answerer->bucket, 0, answerer->rows, bytes, why);
 	answerer->position_count = 0;
 	answerer->share_count = 0;
+	memset(answerer->filter, 0, sizeof(answerer->filter));
 	for (uint32_t row = 0; row < answerer->row_count && r == 0; row++) {
 		struct border_record record;
 		struct normal_share share;
 		uint32_t key[6];
+		uint32_t hash;
 		uint32_t slot;
 
 		load_border(borders->grid, row_of(answerer, row), &record);
 		record_position_key(borders->grid, row_of(answerer, row), key);
-		slot = slot_of(answerer, key);
+		hash = record_key_hash(key);
+		filter_add(answerer, hash);
+		slot = slot_of(answerer, key, hash);
 		if (answerer->slots[slot] == 0) {
 			answerer->position_row[answerer->position_count] = row;
 			answerer->position_head[answerer->position_count] = PATCH_NONE;
@@ -182,11 +204,15 @@ static int add_own(struct answerer *answerer, const uint32_t *record)
 	for (unsigned i = 0; i < 3; i++) {
 		struct normal_share share;
 		uint32_t key[6];
+		uint32_t hash;
 		uint32_t slot;
 		int r;
 
 		record_position_key(borders->grid, record + i * shape->position_words, key);
-		slot = slot_of(answerer, key);
+		hash = record_key_hash(key);
+		if (!filter_has(answerer, hash))
+			continue;
+		slot = slot_of(answerer, key, hash);
 		if (answerer->slots[slot] == 0)
 			continue;
 		if (!measured) {

@@ -35,6 +35,7 @@ struct build {
 	uint64_t worker_bytes; /* kept for workers in all phases after the import */
 
 	struct import_inputs inputs;
+	struct spool_pool *pool;
 	struct spool *soup_spool;
 	struct spool *deal_spool;
 	struct soup soup;
@@ -91,10 +92,12 @@ static int plan_memory(struct build *build, struct why *why)
 
 static int open_spools(struct build *build, struct why *why)
 {
-	int r = spool_create(&build->budget, build->scratch_directory, &build->soup_spool);
+	int r = spool_pool_create(&build->budget, &build->pool);
 
 	if (r == 0)
-		r = spool_create(&build->budget, build->scratch_directory, &build->deal_spool);
+		r = spool_create(build->pool, build->scratch_directory, &build->soup_spool);
+	if (r == 0)
+		r = spool_create(build->pool, build->scratch_directory, &build->deal_spool);
 	if (r == 0)
 		r = soup_init(&build->soup, build->soup_spool, &build->budget, &build->inputs);
 	build->soup_made = r == 0;
@@ -233,6 +236,7 @@ static int make_buckets(struct build *build, struct why *why)
 		r = deal_out(&deal, workers, why);
 	else
 		(void)why_set(why, r, "no memory to deal triangles out");
+	spool_pool_drain(build->pool);
 	build->report->degenerate = deal.degenerate_count;
 	build->moved_max = deal.moved_max;
 	(void)pthread_mutex_destroy(&deal.lock);
@@ -438,6 +442,7 @@ static void build_done(struct build *build)
 		soup_done(&build->soup);
 	build->soup_spool = spool_destroy(build->soup_spool);
 	build->deal_spool = spool_destroy(build->deal_spool);
+	build->pool = spool_pool_destroy(build->pool);
 	import_inputs_done(&build->inputs);
 	free(build->output_directory);
 }

@@ -144,12 +144,19 @@ static uint32_t make_runs(struct leaf_maker *maker, const struct octree_leaf *fr
 {
 	const struct store_part *parts = maker->labels->parts;
 	const uint64_t *sorted;
+	uint32_t part_before = 0;
+	bool ascending = true;
 	uint32_t run_count = 0;
 
-	for (uint32_t i = 0; i < from->triangle_count; i++)
-		maker->keys[i] = (uint64_t)patch_part(maker->patch, from->triangles[i]) << 32 |
-				 from->triangles[i];
-	sorted = sort_by_part(maker, from->triangle_count);
+	for (uint32_t i = 0; i < from->triangle_count; i++) {
+		uint32_t part = patch_part(maker->patch, from->triangles[i]);
+
+		ascending = ascending && part >= part_before;
+		part_before = part;
+		maker->keys[i] = (uint64_t)part << 32 | from->triangles[i];
+	}
+	/* Most leaves need no sorting: they are of one part, or of one file after the other. */
+	sorted = ascending ? maker->keys : sort_by_part(maker, from->triangle_count);
 	for (uint32_t i = 0; i < from->triangle_count; i++) {
 		uint32_t part = (uint32_t)(sorted[i] >> 32);
 

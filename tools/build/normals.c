@@ -16,6 +16,8 @@
 #define FEW_SHARES 64u
 /** More directions than these at one position are rounded until they are fewer. */
 #define CLUSTERS_MAX 1024u
+#define CODED_BITS   10
+#define CODED_COUNT  (1u << CODED_BITS)
 
 /*
  * The angle of (x, y), y >= 0: 0 .. pi, to about 1e-5.  Not libm's, whose last bits differ between
@@ -66,16 +68,10 @@ int32_t normals_threshold(double crease_degrees)
 	return (int32_t)(cos(crease_degrees * PI / 180) * UNIT * UNIT);
 }
 
-uint32_t normals_encode(enum normals_mode mode, const int64_t normal[3])
+static uint32_t encode_direction(enum normals_mode mode, const float direction[3])
 {
-	double largest = 1;
-	float direction[3];
 	uint32_t code = 0;
 
-	for (unsigned i = 0; i < 3; i++)
-		largest = fmax(largest, fabs((double)normal[i]));
-	for (unsigned i = 0; i < 3; i++)
-		direction[i] = (float)((double)normal[i] / largest);
 	if (mode == NORMALS_OCT8) {
 		int8_t bytes[2];
 
@@ -88,6 +84,40 @@ uint32_t normals_encode(enum normals_mode mode, const int64_t normal[3])
 		memcpy(&code, words, sizeof(words));
 	}
 	return code;
+}
+
+/** Codes of late: what people build has few directions, and coding one is dear. */
+struct coded {
+	float direction[3];
+	uint32_t code;
+	enum normals_mode mode; /* NORMALS_FLAT: empty */
+};
+
+uint32_t normals_encode(enum normals_mode mode, const int64_t normal[3])
+{
+	static _Thread_local struct coded cache[CODED_COUNT];
+	double largest = 1;
+	uint32_t bits[3];
+	float direction[3];
+	struct coded *coded;
+
+	for (unsigned i = 0; i < 3; i++) {
+		double size = fabs((double)normal[i]);
+
+		largest = size > largest ? size : largest;
+	}
+	for (unsigned i = 0; i < 3; i++)
+		direction[i] = (float)((double)normal[i] / largest);
+	memcpy(bits, direction, sizeof(bits));
+	coded = &cache[((bits[0] * UINT32_C(0x9e3779b1)) ^ (bits[1] * UINT32_C(0x85ebca77)) ^
+			(bits[2] * UINT32_C(0xc2b2ae3d))) >>
+		       (32 - CODED_BITS)];
+	if (coded->mode != mode || memcmp(coded->direction, direction, sizeof(direction)) != 0) {
+		memcpy(coded->direction, direction, sizeof(direction));
+		coded->code = encode_direction(mode, direction);
+		coded->mode = mode;
+	}
+	return coded->code;
 }
 
 uint32_t normals_convert(enum normals_mode mode, uint32_t oct16)

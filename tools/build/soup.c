@@ -23,7 +23,6 @@ struct intake {
 	uint32_t part_count;
 	uint32_t part_max;
 
-	uint8_t *buffer;  /* a block's bytes, as they go to the spool */
 	uint8_t *staging; /* its arrays while they grow */
 	struct soup_block block;
 	float normal_matrix[9];
@@ -85,25 +84,21 @@ static int soup_add_block(struct soup *soup, const struct soup_block *block)
 static int intake_flush(struct intake *intake, struct why *why)
 {
 	struct soup_block *block = &intake->block;
-	size_t bytes = position_bytes(block);
 	size_t count = block->triangle_count;
+	struct iovec parts[4] = {
+		{ intake->staging, position_bytes(block) },
+		{ intake->staging + STAGE_PARTS, count * 4 },
+	};
+	size_t part_count = 2;
 	int r;
 
 	if (count == 0)
 		return 0;
-	memcpy(intake->buffer, intake->staging, bytes);
-	memcpy(intake->buffer + bytes, intake->staging + STAGE_PARTS, count * 4);
-	bytes += count * 4;
-	if (block->normals) {
-		memcpy(intake->buffer + bytes, intake->staging + STAGE_NORMALS, count * 12);
-		bytes += count * 12;
-	}
-	if (block->colours) {
-		memcpy(intake->buffer + bytes, intake->staging + STAGE_COLOURS, count * 12);
-		bytes += count * 12;
-	}
-	CHECK(bytes == soup_block_bytes(block));
-	r = spool_append(intake->soup->spool, intake->buffer, bytes, &block->address, why);
+	if (block->normals)
+		parts[part_count++] = (struct iovec){ intake->staging + STAGE_NORMALS, count * 12 };
+	if (block->colours)
+		parts[part_count++] = (struct iovec){ intake->staging + STAGE_COLOURS, count * 12 };
+	r = spool_gather(intake->soup->spool, parts, part_count, &block->address, why);
 	if (r < 0)
 		return r;
 	r = soup_add_block(intake->soup, block);
@@ -427,13 +422,12 @@ static int import_work(void *arg, uint32_t worker, struct why *why)
 		.soup = phase->soup,
 		.progress = phase->progress,
 		.drop_non_finite = phase->options->drop_non_finite,
-		.buffer = malloc(SOUP_BLOCK_BYTES_MAX),
 		.staging = malloc(STAGE_BYTES),
 	};
 	int r = 0;
 
 	(void)worker;
-	if (!intake.buffer || !intake.staging)
+	if (!intake.staging)
 		r = why_set(why, -ENOMEM, "no memory to read files");
 	while (r == 0 && !crew_stopped(phase->crew)) {
 		uint64_t input_index = atomic_fetch_add(&phase->next_input, 1);
@@ -443,7 +437,6 @@ static int import_work(void *arg, uint32_t worker, struct why *why)
 		r = import_one(phase, &intake, input_index, why);
 	}
 	free(intake.part_of);
-	free(intake.buffer);
 	free(intake.staging);
 	return r;
 }

@@ -25,8 +25,20 @@ struct segment {
 	uint64_t live_bytes; /* of pieces that were not released */
 };
 
-struct spool {
+/** A free segment: its first bytes link it to the next. */
+struct free_segment {
+	struct free_segment *next;
+};
+
+struct spool_pool {
 	struct budget *budget;
+	pthread_mutex_t lock;
+	struct free_segment *free;
+	bool drained;
+};
+
+struct spool {
+	struct spool_pool *pool;
 	char *scratch_directory;
 	pthread_mutex_t lock; /* of all that follows */
 	struct segment *segments;
@@ -37,48 +49,42 @@ struct spool {
 	uint64_t scratch_bytes;
 };
 
-int spool_create(struct budget *budget, const char *scratch_directory, struct spool **ret)
-{
-	struct spool *spool = calloc(1, sizeof(*spool));
+/* ---- segments ---- */
 
-	if (!spool)
+int spool_pool_create(struct budget *budget, struct spool_pool **ret)
+{
+	struct spool_pool *pool = calloc(1, sizeof(*pool));
+
+	if (!pool)
 		return -ENOMEM;
-	spool->budget = budget;
-	spool->scratch_fd = -1;
-	(void)pthread_mutex_init(&spool->lock, NULL);
-	/* As many as the budget has room for: the table never moves while others read it. */
-	spool->segment_max = budget->limit_bytes / SPOOL_SEGMENT_BYTES;
-	spool->segments = calloc(spool->segment_max + 1, sizeof(*spool->segments));
-	spool->scratch_directory = strdup(scratch_directory);
-	if (!spool->segments || !spool->scratch_directory) {
-		spool_destroy(spool);
-		return -ENOMEM;
-	}
-	*ret = spool;
+	pool->budget = budget;
+	(void)pthread_mutex_init(&pool->lock, NULL);
+	*ret = pool;
 	return 0;
 }
 
-static void segment_free(struct spool *spool, struct segment *segment)
+struct spool_pool *spool_pool_destroy(struct spool_pool *pool)
 {
-	if (!segment->memory)
-		return;
-	(void)munmap(segment->memory, SPOOL_SEGMENT_BYTES);
-	segment->memory = NULL;
-	budget_give(spool->budget, SPOOL_SEGMENT_BYTES);
+	if (!pool)
+		return NULL;
+	spool_pool_drain(pool);
+	(void)pthread_mutex_destroy(&pool->lock);
+	free(pool);
+	return NULL;
 }
 
-struct spool *spool_destroy(struct spool *spool)
+void spool_pool_drain(struct spool_pool *pool)
 {
-	if (!spool)
-		return NULL;
-	for (size_t i = 0; i < spool->segment_count; i++)
-		segment_free(spool, &spool->segments[i]);
-	spool->scratch_fd = fd_close(spool->scratch_fd);
-	(void)pthread_mutex_destroy(&spool->lock);
-	free(spool->segments);
-	free(spool->scratch_directory);
-	free(spool);
-	return NULL;
+	(void)pthread_mutex_lock(&pool->lock);
+	while (pool->free) {
+		struct free_segment *segment = pool->free;
+
+		pool->free = segment->next;
+		(void)munmap(segment, SPOOL_SEGMENT_BYTES);
+		budget_give(pool->budget, SPOOL_SEGMENT_BYTES);
+	}
+	pool->drained = true;
+	(void)pthread_mutex_unlock(&pool->lock);
 }
 
 /* Aligned to huge pages, which halve the time of first touching it. */
@@ -99,19 +105,97 @@ static uint8_t *segment_map(void)
 	return memory + before;
 }
 
+/* Returns: a segment, from the pool or new within the budget, or NULL. */
+static uint8_t *segment_take(struct spool_pool *pool)
+{
+	struct free_segment *segment;
+	uint8_t *memory;
+
+	(void)pthread_mutex_lock(&pool->lock);
+	segment = pool->free;
+	if (segment)
+		pool->free = segment->next;
+	(void)pthread_mutex_unlock(&pool->lock);
+	if (segment)
+		return (uint8_t *)segment;
+	if (!budget_take(pool->budget, SPOOL_SEGMENT_BYTES))
+		return NULL;
+	memory = segment_map();
+	if (!memory)
+		budget_give(pool->budget, SPOOL_SEGMENT_BYTES);
+	return memory;
+}
+
+static void segment_give(struct spool_pool *pool, uint8_t *memory)
+{
+	struct free_segment *segment = (struct free_segment *)(void *)memory;
+
+	(void)pthread_mutex_lock(&pool->lock);
+	if (pool->drained) {
+		(void)munmap(memory, SPOOL_SEGMENT_BYTES);
+		budget_give(pool->budget, SPOOL_SEGMENT_BYTES);
+	} else {
+		segment->next = pool->free;
+		pool->free = segment;
+	}
+	(void)pthread_mutex_unlock(&pool->lock);
+}
+
+/* ---- spools ---- */
+
+int spool_create(struct spool_pool *pool, const char *scratch_directory, struct spool **ret)
+{
+	struct spool *spool = calloc(1, sizeof(*spool));
+
+	if (!spool)
+		return -ENOMEM;
+	spool->pool = pool;
+	spool->scratch_fd = -1;
+	(void)pthread_mutex_init(&spool->lock, NULL);
+	/* As many as the budget has room for: the table never moves while others read it. */
+	spool->segment_max = pool->budget->limit_bytes / SPOOL_SEGMENT_BYTES;
+	spool->segments = calloc(spool->segment_max + 1, sizeof(*spool->segments));
+	spool->scratch_directory = strdup(scratch_directory);
+	if (!spool->segments || !spool->scratch_directory) {
+		spool_destroy(spool);
+		return -ENOMEM;
+	}
+	*ret = spool;
+	return 0;
+}
+
+static void segment_free(struct spool *spool, struct segment *segment)
+{
+	if (!segment->memory)
+		return;
+	segment_give(spool->pool, segment->memory);
+	segment->memory = NULL;
+}
+
+struct spool *spool_destroy(struct spool *spool)
+{
+	if (!spool)
+		return NULL;
+	for (size_t i = 0; i < spool->segment_count; i++)
+		segment_free(spool, &spool->segments[i]);
+	spool->scratch_fd = fd_close(spool->scratch_fd);
+	(void)pthread_mutex_destroy(&spool->lock);
+	free(spool->segments);
+	free(spool->scratch_directory);
+	free(spool);
+	return NULL;
+}
+
 /* A new last segment, if table and budget allow one.  The lock is held. */
 static bool segment_add(struct spool *spool)
 {
 	struct segment *segment = &spool->segments[spool->segment_count];
 
-	if (spool->segment_count == spool->segment_max ||
-	    !budget_take(spool->budget, SPOOL_SEGMENT_BYTES))
+	if (spool->segment_count == spool->segment_max)
 		return false;
-	segment->memory = segment_map();
-	if (!segment->memory) {
-		budget_give(spool->budget, SPOOL_SEGMENT_BYTES);
+	segment->memory = segment_take(spool->pool);
+	if (!segment->memory)
 		return false;
-	}
 	segment->live_bytes = 0;
 	spool->segment_count++;
 	spool->segment_used_bytes = 0;
@@ -171,22 +255,38 @@ static uint8_t *memory_of(const struct spool *spool, uint64_t address)
 int spool_append(struct spool *spool, const void *data, size_t bytes, uint64_t *ret_address,
 		 struct why *why)
 {
+	const struct iovec whole = { .iov_base = (void *)(uintptr_t)data, .iov_len = bytes };
+
+	return spool_gather(spool, &whole, 1, ret_address, why);
+}
+
+int spool_gather(struct spool *spool, const struct iovec *parts, size_t part_count,
+		 uint64_t *ret_address, struct why *why)
+{
 	uint64_t address = 0;
+	uint64_t at;
+	size_t bytes = 0;
 	int r;
 
+	for (size_t i = 0; i < part_count; i++)
+		bytes += parts[i].iov_len;
 	CHECK(bytes > 0 && bytes <= SPOOL_SEGMENT_BYTES);
 	(void)pthread_mutex_lock(&spool->lock);
 	r = reserve(spool, bytes, &address, why);
 	(void)pthread_mutex_unlock(&spool->lock);
 	if (r < 0)
 		return r;
-	if (address & ON_DISK) {
-		r = file_write_at(spool->scratch_fd, data, bytes, address & ~ON_DISK);
+	at = address;
+	for (size_t i = 0; i < part_count; i++) {
+		if (!(address & ON_DISK))
+			memcpy(memory_of(spool, at), parts[i].iov_base, parts[i].iov_len);
+		else
+			r = file_write_at(spool->scratch_fd, parts[i].iov_base, parts[i].iov_len,
+					  at & ~ON_DISK);
 		if (r < 0)
 			return why_errno(why, r, "%s: cannot write scratch (--scratch DIR)",
 					 spool->scratch_directory);
-	} else {
-		memcpy(memory_of(spool, address), data, bytes);
+		at += parts[i].iov_len;
 	}
 	*ret_address = address;
 	return 0;

@@ -12,21 +12,37 @@
 
 #include <stddef.h>
 #include <stdint.h>
+#include <sys/uio.h>
 
 #include "formats/base/why.h"
 #include "tools/build/budget.h"
 
 struct spool;
+struct spool_pool;
 
 /** Memory comes in segments of this size, and no piece is larger. */
 #define SPOOL_SEGMENT_BYTES (UINT32_C(4) << 20)
 
 /**
+ * Makes a pool of segments, from which several spools take and to which they give back.  The first
+ * touch of fresh memory costs as much as what is then done with it: what one spool released serves
+ * the next.
+ *
+ * Returns: 0 or -ENOMEM.  Ownership: ends with spool_pool_destroy(), after all spools of it; the
+ * budget must outlive it.
+ */
+int spool_pool_create(struct budget *budget, struct spool_pool **ret);
+/** NULL is allowed.  Returns: NULL. */
+struct spool_pool *spool_pool_destroy(struct spool_pool *pool);
+/** Gives free segments back to the budget; from now on released ones go there at once. */
+void spool_pool_drain(struct spool_pool *pool);
+
+/**
  * scratch_directory:  copied; a file is made in it only when memory is spent.
  *
- * Returns: 0 or -ENOMEM.  Ownership: ends with spool_destroy(); the budget must outlive it.
+ * Returns: 0 or -ENOMEM.  Ownership: ends with spool_destroy(); the pool must outlive it.
  */
-int spool_create(struct budget *budget, const char *scratch_directory, struct spool **ret);
+int spool_create(struct spool_pool *pool, const char *scratch_directory, struct spool **ret);
 
 /** NULL is allowed.  Returns: NULL. */
 struct spool *spool_destroy(struct spool *spool);
@@ -41,6 +57,10 @@ struct spool *spool_destroy(struct spool *spool);
  */
 int spool_append(struct spool *spool, const void *data, size_t bytes, uint64_t *ret_address,
 		 struct why *why);
+
+/** The same of a piece that lies in several places, one behind the other once it is kept. */
+int spool_gather(struct spool *spool, const struct iovec *parts, size_t part_count,
+		 uint64_t *ret_address, struct why *why);
 
 /** Reads a part of a piece.  Returns: 0 or -errno of the scratch file. */
 int spool_read(const struct spool *spool, uint64_t address, void *data, size_t bytes,
