@@ -4,3 +4,6 @@ target_link_libraries(oocd_fake_daemon PUBLIC oocclient oocd_wire oocd_test_help
 
 oocd_test(test_client unit SOURCES unit/test_client.c LINK oocd_fake_daemon m)
 oocd_test(test_client_session unit SOURCES unit/test_client_session.c LINK oocd_fake_daemon)
+oocd_test(test_client_daemon integration
+	SOURCES integration/test_client_daemon.c LINK oocclient oocd_test_helper)
+add_dependencies(test_client_daemon oocd)
