@@ -57,7 +57,9 @@ static void add_triangle(struct triangles *triangles, double (*const corners[3])
 
 static void sort_triangles(struct triangles *triangles)
 {
-	qsort(triangles->list, triangles->count, sizeof(*triangles->list), compare_triangles);
+	if (triangles->count > 0)
+		qsort(triangles->list, triangles->count, sizeof(*triangles->list),
+		      compare_triangles);
 }
 
 /* ---- what a store holds, by the library ---- */
