@@ -7,3 +7,8 @@ endforeach()
 oocd_test(test_node unit SOURCES unit/test_node.c ${CMAKE_SOURCE_DIR}/daemon/node.c
 	LINK oocd_base oocd_test_helper)
 target_compile_definitions(test_node PRIVATE OOCD_UNIT_TESTING)
+
+add_library(oocd_daemon_kit STATIC ${CMAKE_CURRENT_LIST_DIR}/integration/daemon_kit.c)
+target_link_libraries(oocd_daemon_kit PUBLIC oocd_core oocd_test_helper)
+
+oocd_test(test_daemon integration SOURCES integration/test_daemon.c LINK oocd_daemon_kit)
