@@ -10,3 +10,10 @@ oocd_test(test_assimp integration
 	SOURCES integration/test_assimp.c LINK oocd_import_kit Threads::Threads)
 oocd_test(test_import_data integration
 	SOURCES integration/test_import_data.c LINK oocd_import_kit TIMEOUT 300)
+
+# To fuzz the importers themselves, give -DOOCD_SANITIZE=address,undefined,fuzzer-no-link too.
+add_library(oocd_fuzz_import STATIC ${CMAKE_CURRENT_LIST_DIR}/fuzz/fuzz_import.c)
+target_link_libraries(oocd_fuzz_import PUBLIC oocd_import PkgConfig::XXHASH)
+foreach(parser ply obj stl vrml scene gzip)
+	oocd_fuzz(fuzz_${parser} LINK oocd_fuzz_import)
+endforeach()
