@@ -8,6 +8,7 @@
 
 #include "formats/base/bytes.h"
 #include "formats/import/import.h"
+#include "formats/store/payload.h"
 #include "tools/bench/measure.h"
 
 #define IMPORT_MEMORY_BYTES (UINT64_C(1) << 30)
@@ -48,13 +49,33 @@ static void corner_read(const struct reader *reader, const struct import_batch *
 	}
 }
 
-/* Raw floats stay as they are; positions on a grid go to its nearest point, ties to even. */
-static double snap(const struct reference *reference, double value)
+/*
+ * Positions on a grid go to its nearest point, ties to even; others become floats from an origin,
+ * which changes nothing where they are floats and the origin is 0.
+ */
+static double snap(const struct reference *reference, double value, double origin)
 {
 	if (reference->step == 0.0)
-		return (double)(float)value;
+		return origin + (double)(float)(value - origin);
 	/* The step is a power of two, so that only nearbyint() rounds. */
 	return nearbyint(value * reference->steps_a_unit) * reference->step;
+}
+
+static const double no_origin[3];
+
+static void note_moves(struct reference *reference, const double corners[3][3],
+		       const double origin[3])
+{
+	for (size_t c = 0; c < 3; c++) {
+		double squared = 0.0;
+
+		for (size_t k = 0; k < 3; k++) {
+			double moved = snap(reference, corners[c][k], origin[k]) - corners[c][k];
+
+			squared += moved * moved;
+		}
+		reference->moved_max = fmax(reference->moved_max, sqrt(squared));
+	}
 }
 
 static int batch_read(void *arg, const struct import_batch *batch, struct why *why)
@@ -74,17 +95,9 @@ static int batch_read(void *arg, const struct import_batch *batch, struct why *w
 	for (size_t i = 0; i < batch->triangle_count; i++) {
 		double(*corners)[3] = reference->corners[reference->triangle_count++];
 
-		for (size_t c = 0; c < 3; c++) {
-			double squared = 0.0;
-
+		for (size_t c = 0; c < 3; c++)
 			corner_read(reader, batch, 3 * i + c, corners[c]);
-			for (size_t k = 0; k < 3; k++) {
-				double moved = snap(reference, corners[c][k]) - corners[c][k];
-
-				squared += moved * moved;
-			}
-			reference->moved_max = fmax(reference->moved_max, sqrt(squared));
-		}
+		note_moves(reference, (const double(*)[3])corners, no_origin);
 	}
 	return measure_was_cancelled() ? why_set(why, -ECANCELED, "interrupted") : 0;
 }
@@ -131,21 +144,91 @@ int reference_read(struct reference *reference, const struct store_superblock *s
 
 void reference_done(struct reference *reference)
 {
+	for (size_t i = 0; i < reference->group_count; i++)
+		free(reference->groups[i].triangles);
+	free(reference->groups);
 	free(reference->corners);
-	reference->corners = NULL;
+	*reference = (struct reference){ .corners = NULL };
+}
+
+/* ---- origins ---- */
+
+static int group_adopt(struct reference *reference, const void *payload, struct why *why)
+{
+	struct reference_group *group = &reference->groups[reference->group_count];
+	struct payload_view view;
+
+	payload_view(payload, &view);
+	if (!view.triangle_ids)
+		return why_set(why, -EINVAL,
+			       "the store has no triangle ids: build it with --keep-ids");
+	memcpy(group->origin, view.header->origin, sizeof(group->origin));
+	group->triangle_count = view.header->triangle_count;
+	group->triangles = malloc((group->triangle_count + 1) * sizeof(*group->triangles));
+	if (!group->triangles)
+		return why_set(why, -ENOMEM, "out of memory");
+	reference->group_count++;
+	memcpy(group->triangles, view.triangle_ids,
+	       group->triangle_count * sizeof(*group->triangles));
+	for (uint64_t i = 0; i < group->triangle_count; i++) {
+		if (group->triangles[i] >= reference->triangle_count)
+			return why_set(why, -EINVAL,
+				       "the store has a triangle that the input has not");
+		note_moves(reference, (const double(*)[3])reference->corners[group->triangles[i]],
+			   group->origin);
+	}
+	return 0;
+}
+
+int reference_adopt_origins(struct reference *reference, const struct store_file *store,
+			    const struct store_node *nodes, struct why *why)
+{
+	const struct store_superblock *superblock = &reference->superblock;
+	void *payload;
+	void *scratch;
+	int r = 0;
+
+	/* Floats that are counted from 0 did not move at all. */
+	if (reference->step > 0.0 || reference->moved_max == 0.0)
+		return 0;
+	reference->moved_max = 0.0;
+	reference->groups = calloc(superblock->node_count + 1, sizeof(*reference->groups));
+	payload = malloc(superblock->payload_bytes_max + 1);
+	scratch = malloc(STORE_PAYLOAD_BYTES_MAX);
+	if (!reference->groups || !payload || !scratch)
+		r = why_set(why, -ENOMEM, "out of memory");
+	for (uint64_t i = 0; r == 0 && i < superblock->node_count; i++) {
+		if (nodes[i].first_child != STORE_NODE_NONE || nodes[i].payload_id == 0)
+			continue;
+		r = measure_was_cancelled()
+			    ? why_set(why, -ECANCELED, "interrupted")
+			    : store_read_payload(store, &nodes[i], payload, scratch, why);
+		if (r == 0)
+			r = group_adopt(reference, payload, why);
+	}
+	free(payload);
+	free(scratch);
+	return r;
 }
 
 /* ---- drawing ---- */
 
+static void corners_in_form(const struct reference *reference, uint64_t triangle,
+			    enum reference_form form, const double origin[3], double ret[3][3])
+{
+	memcpy(ret, reference->corners[triangle], sizeof(reference->corners[triangle]));
+	for (size_t c = 0; form == REFERENCE_SNAPPED && c < 3; c++)
+		for (size_t k = 0; k < 3; k++)
+			ret[c][k] = snap(reference, ret[c][k], origin[k]);
+}
+
 void reference_corners(const struct reference *reference, uint64_t triangle,
 		       enum reference_form form, double ret[3][3])
 {
-	for (size_t c = 0; c < 3; c++)
-		for (size_t k = 0; k < 3; k++) {
-			double value = reference->corners[triangle][c][k];
-
-			ret[c][k] = form == REFERENCE_SNAPPED ? snap(reference, value) : value;
-		}
+	/* What floats from a near origin lose is nothing to who asks for doubles. */
+	if (reference->groups)
+		form = REFERENCE_ORIGINAL;
+	corners_in_form(reference, triangle, form, no_origin, ret);
 }
 
 /*
@@ -184,6 +267,18 @@ struct batch {
 	uint32_t triangle_count;
 };
 
+/* One pass over triangles that are counted from one origin. */
+struct pass {
+	const struct reference *reference;
+	enum reference_form form;
+	const struct camera_view *view;
+	struct raster *raster;
+	struct batch *batch;
+	double scale;
+	double origin[3];
+	float offset[3];
+};
+
 /* Could a pixel show it?  Behind the eye or beyond one side plane it cannot. */
 static bool is_in_view(const struct camera_view *view, const double corners[3][3])
 {
@@ -204,55 +299,85 @@ static bool is_in_view(const struct camera_view *view, const double corners[3][3
 	return true;
 }
 
-static void batch_add(struct batch *batch, const struct reference *reference, uint64_t triangle,
-		      enum reference_form form, const struct camera_view *view, double scale)
+static void batch_add(const struct pass *pass, uint64_t triangle)
 {
+	struct batch *batch = pass->batch;
 	double corners[3][3];
 
-	reference_corners(reference, triangle, form, corners);
-	if (!is_in_view(view, corners) || !has_area(corners))
+	corners_in_form(pass->reference, triangle, pass->form, pass->origin, corners);
+	if (!is_in_view(pass->view, (const double(*)[3])corners) ||
+	    !has_area((const double(*)[3])corners))
 		return;
 	for (size_t c = 0; c < 3; c++)
-		for (size_t k = 0; k < 3; k++) {
-			/* Snapped ones in steps from the origin, exact; others from the anchor. */
-			double value = form == REFERENCE_SNAPPED ? corners[c][k] / scale
-								 : corners[c][k] - view->anchor[k];
-
+		for (size_t k = 0; k < 3; k++)
 			batch->positions[9 * (size_t)batch->triangle_count + 3 * c + k] =
-				(float)value;
-		}
+				(float)((corners[c][k] - pass->origin[k]) / pass->scale);
 	batch->items[batch->triangle_count++] = triangle;
+}
+
+static int batch_draw(const struct pass *pass)
+{
+	struct raster_draw draw = {
+		.positions = pass->batch->positions,
+		.vertex_count = 3 * pass->batch->triangle_count,
+		.indices = pass->batch->indices,
+		.triangle_count = pass->batch->triangle_count,
+		.items = pass->batch->items,
+		.scale = (float)pass->scale,
+		.offset = { pass->offset[0], pass->offset[1], pass->offset[2] },
+	};
+
+	pass->batch->triangle_count = 0;
+	return measure_was_cancelled() ? -ECANCELED
+				       : raster_triangles(pass->raster, pass->view, &draw);
+}
+
+/* triangles:  ordinals; NULL: 0, 1, and so on. */
+static int pass_draw(const struct pass *pass, const uint64_t *triangles, uint64_t count)
+{
+	int r = 0;
+
+	for (uint64_t i = 0; r == 0 && i < count; i++) {
+		batch_add(pass, triangles ? triangles[i] : i);
+		if (pass->batch->triangle_count == DRAW_TRIANGLES)
+			r = batch_draw(pass);
+	}
+	return r < 0 ? r : batch_draw(pass);
 }
 
 int reference_draw(const struct reference *reference, enum reference_form form,
 		   const struct camera_view *view, struct raster *raster)
 {
-	static const double origin[3];
-	struct batch *batch = malloc(sizeof(*batch));
-	struct raster_draw draw = { .scale = 1.0f };
-	uint64_t next = 0;
+	struct pass pass = { .reference = reference,
+			     .form = form,
+			     .view = view,
+			     .raster = raster,
+			     .batch = malloc(sizeof(*pass.batch)),
+			     .scale = 1.0 };
 	int r = 0;
 
-	if (!batch)
+	if (!pass.batch)
 		return -ENOMEM;
-	if (form == REFERENCE_SNAPPED) {
-		draw.scale = reference->step > 0.0 ? (float)reference->step : 1.0f;
-		camera_node_offset(view, origin, draw.offset);
-	}
-	draw.positions = batch->positions;
-	draw.indices = batch->indices;
-	draw.items = batch->items;
+	pass.batch->triangle_count = 0;
 	for (uint32_t i = 0; i < 3 * DRAW_TRIANGLES; i++)
-		batch->indices[i] = i;
-	while (r == 0 && next < reference->triangle_count) {
-		batch->triangle_count = 0;
-		for (; next < reference->triangle_count && batch->triangle_count < DRAW_TRIANGLES;
-		     next++)
-			batch_add(batch, reference, next, form, view, (double)draw.scale);
-		draw.triangle_count = batch->triangle_count;
-		draw.vertex_count = 3 * batch->triangle_count;
-		r = measure_was_cancelled() ? -ECANCELED : raster_triangles(raster, view, &draw);
+		pass.batch->indices[i] = i;
+	if (form == REFERENCE_ORIGINAL) {
+		/* Counted from the anchor floats are finest where it is looked at from. */
+		memcpy(pass.origin, view->anchor, sizeof(pass.origin));
+		r = pass_draw(&pass, NULL, reference->triangle_count);
+	} else if (!reference->groups) {
+		if (reference->step > 0.0)
+			pass.scale = reference->step;
+		camera_node_offset(view, no_origin, pass.offset);
+		r = pass_draw(&pass, NULL, reference->triangle_count);
 	}
-	free(batch);
+	for (size_t i = 0; form == REFERENCE_SNAPPED && r == 0 && i < reference->group_count; i++) {
+		const struct reference_group *group = &reference->groups[i];
+
+		memcpy(pass.origin, group->origin, sizeof(pass.origin));
+		camera_node_offset(view, group->origin, pass.offset);
+		r = pass_draw(&pass, group->triangles, group->triangle_count);
+	}
+	free(pass.batch);
 	return r;
 }

@@ -478,6 +478,9 @@ static int exact_open(struct exact *exact, struct why *why)
 			"%s was made of %llu triangles, but the input has %llu: not its input",
 			options->store, (unsigned long long)superblock->triangles_in,
 			(unsigned long long)exact->reference.triangle_count);
+	r = reference_adopt_origins(&exact->reference, exact->store, exact->nodes, why);
+	if (r < 0)
+		return r;
 	exact->of_viewer =
 		calloc((size_t)options->width * options->height, sizeof(*exact->of_viewer));
 	if (!exact->of_viewer || selector_create(superblock, exact->nodes, &exact->selector) < 0 ||
