@@ -10,3 +10,4 @@ add_dependencies(test_client_daemon oocd)
 oocd_test(test_wire unit
 	SOURCES unit/test_wire.c unit/wire_samples.c LINK oocd_wire oocd_test_helper m)
 oocd_test(test_protocol_text unit SOURCES unit/test_protocol_text.c LINK oocd_wire oocd_test_helper)
+oocd_fuzz(fuzz_wire LINK oocd_wire)
