@@ -166,9 +166,17 @@ static enum wire_reason reason_of(int error)
 
 static void fill_log(const struct fill *fill)
 {
-	log_error("%s: node %u, %u bytes at offset %llu: %s; the rest is served",
-		  fill->served->path, fill->index, fill->record->stored_bytes,
+	struct served *served = fill->served;
+
+	if (served->logged_count == STORE_LOG_LINES_MAX)
+		return;
+	served->logged_count++;
+	log_error("%s: node %u, %u bytes at offset %llu: %s; the rest is served", served->path,
+		  fill->index, fill->record->stored_bytes,
 		  (unsigned long long)fill->record->file_offset, fill->why.text);
+	if (served->logged_count == STORE_LOG_LINES_MAX)
+		log_error("%s: more such nodes are only counted: see `oocctl verify`",
+			  served->path);
 }
 
 static void fill_end(struct fill *fill, int error)

@@ -48,6 +48,9 @@
 /** Bytes of a client's turn when several wait for the disk. */
 #define TURN_BYTES (512u * KIB)
 
+/** Lines about one store's failing nodes; what comes after is only counted. */
+#define STORE_LOG_LINES_MAX 20u
+
 #define WORKER_COUNT_MAX 64u
 #define WORKER_NICE      10
 

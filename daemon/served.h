@@ -66,6 +66,7 @@ struct served {
 	uint32_t attach_count;
 	bool keep;              /* named on the command line: never closed */
 	uint64_t idle_since_ns; /* attach_count is 0 since */
+	uint32_t logged_count;  /* lines about its nodes; bounded */
 	struct served_counters counters;
 };
 

@@ -2,6 +2,7 @@
 #include "daemon/session.h"
 
 #include <errno.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -31,8 +32,8 @@ static void send_error(struct session *session, int error, uint16_t type, uint32
 	};
 
 	wire_header_init(&message.header, WIRE_ERROR, sizeof(message));
-	memcpy(message.text, why->text, sizeof(message.text));
-	message.text[sizeof(message.text) - 1] = '\0';
+	/* Not copied whole: what lies behind a reason's end is nobody's business. */
+	(void)snprintf(message.text, sizeof(message.text), "%s", why->text);
 	(void)connection_send(session->connection, &message, sizeof(message), NULL, 0);
 }
 

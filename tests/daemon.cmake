@@ -12,3 +12,5 @@ add_library(oocd_daemon_kit STATIC ${CMAKE_CURRENT_LIST_DIR}/integration/daemon_
 target_link_libraries(oocd_daemon_kit PUBLIC oocd_core oocd_test_helper)
 
 oocd_test(test_daemon integration SOURCES integration/test_daemon.c LINK oocd_daemon_kit)
+oocd_test(test_daemon_faults integration SOURCES integration/test_daemon_faults.c
+	LINK oocd_daemon_kit)

@@ -46,10 +46,11 @@ static _Noreturn void daemon_main(const struct server_config *config, int ready_
 	struct why why;
 	int r;
 
-	log_init("oocd", LOG_LEVEL_ERROR);
+	/* What it says of damaged stores is not what is looked at here. */
+	log_init("oocd", LOG_LEVEL_ERROR - 1);
 	r = server_create(config, &server, &why);
 	if (r < 0) {
-		log_error("%s", why.text);
+		(void)fprintf(stderr, "oocd: %s\n", why.text);
 		exit(1);
 	}
 	(void)!write(ready_fd, "r", 1);

@@ -1,0 +1,536 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * Goal: nothing that a client, a store or a disk does hurts the daemon or its other clients.
+ * Method: a real daemon beside an honest client that is served before and after.
+ */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "formats/base/bytes.h"
+#include "formats/base/file.h"
+#include "tests/helper.h"
+#include "tests/integration/daemon_kit.h"
+
+#define ENTRIES_MAX 1024u
+
+struct fixture {
+	char *folder;
+	char store_path[256];
+	struct kit_daemon daemon;
+	struct kit_client *honest;
+};
+
+static struct wire_entry entries[ENTRIES_MAX];
+
+static int setup_with(void **state, struct server_config config)
+{
+	const struct test_grid grid = { .count = 12, .face_quads = 4 };
+	struct fixture *fixture = calloc(1, sizeof(*fixture));
+
+	fixture->folder = test_folder_make();
+	(void)snprintf(fixture->store_path, sizeof(fixture->store_path), "%s/a.ooc",
+		       fixture->folder);
+	test_store_grid_make(fixture->store_path, &grid);
+	kit_daemon_start(fixture->folder, &config, &fixture->daemon);
+	fixture->honest = kit_hello(&fixture->daemon);
+	*state = fixture;
+	return 0;
+}
+
+static int setup(void **state)
+{
+	return setup_with(state, kit_config());
+}
+
+static int setup_failing_disk(void **state)
+{
+	struct server_config config = kit_config();
+
+	config.fetch_kind = FETCH_SIM;
+	config.sim = (struct fetch_sim){ .seed = 8, .error_permille = 50, .corrupt_permille = 50 };
+	return setup_with(state, config);
+}
+
+static int teardown(void **state)
+{
+	struct fixture *fixture = *state;
+
+	kit_disconnect(fixture->honest);
+	assert_int_equal(kit_daemon_stop(&fixture->daemon, SIGTERM), 0);
+	test_folder_remove(fixture->folder);
+	free(fixture);
+	return 0;
+}
+
+/* The honest client draws twenty nodes, from wherever it is. */
+static void check_honest(struct fixture *fixture, uint32_t first)
+{
+	struct kit_store *store = &fixture->honest->stores[0];
+	uint32_t count;
+
+	if (!store->superblock)
+		kit_open(fixture->honest, 0, fixture->store_path);
+	count = kit_entries(store, 0, first, 20, entries);
+	kit_set(fixture->honest, entries, count, WIRE_SET_RETIRE);
+	kit_settle(fixture->honest);
+	assert_int_equal(kit_count_drawable(store), 20);
+}
+
+/* ---- death ---- */
+
+/* A client in another process that holds fifty nodes and then waits to be killed. */
+static pid_t start_holder(const struct fixture *fixture, bool with_child)
+{
+	int ready[2];
+	char byte;
+	pid_t pid;
+
+	assert_int_equal(pipe2(ready, O_CLOEXEC), 0);
+	(void)fflush(NULL);
+	pid = fork();
+	assert_true(pid >= 0);
+	if (pid == 0) {
+		struct kit_client *client = kit_hello(&fixture->daemon);
+		struct kit_store *store = kit_open(client, 0, fixture->store_path);
+		uint32_t count = kit_entries(store, 0, 0, 50, entries);
+
+		(void)prctl(PR_SET_PDEATHSIG, SIGKILL);
+		kit_set(client, entries, count, WIRE_SET_RETIRE);
+		kit_settle(client);
+		/* The child inherits the socket, and would hide the hang-up for as long as it lives. */
+		if (with_child && fork() == 0) {
+			(void)prctl(PR_SET_PDEATHSIG, 0);
+			(void)close(ready[1]);
+			(void)poll(NULL, 0, KIT_TIMEOUT_MS);
+			_exit(0);
+		}
+		(void)!write(ready[1], "r", 1);
+		for (;;)
+			(void)pause();
+	}
+	(void)close(ready[1]);
+	assert_int_equal(read(ready[0], &byte, 1), 1);
+	(void)close(ready[0]);
+	return pid;
+}
+
+static void check_killed_holder(struct fixture *fixture, bool with_child)
+{
+	int status;
+
+	for (uint32_t i = 0; i < 3; i++) {
+		pid_t holder = start_holder(fixture, with_child);
+
+		assert_true(kit_status_number(fixture->honest, "held_bytes") > 0);
+		assert_int_equal(kill(holder, SIGKILL), 0);
+		assert_int_equal(waitpid(holder, &status, 0), holder);
+		kit_await_number(fixture->honest, "held_bytes", 0);
+		/* The honest one is the only client left. */
+		assert_int_equal(kit_status_number(fixture->honest, "held_nodes"), 0);
+	}
+}
+
+static void a_killed_client_gives_its_holds_back(void **state)
+{
+	check_killed_holder(*state, false);
+}
+
+static void a_killed_client_gives_its_holds_back_though_its_child_keeps_the_socket(void **state)
+{
+	check_killed_holder(*state, true);
+}
+
+/* ---- the protocol ---- */
+
+static void another_version_is_told_so(void **state)
+{
+	struct fixture *fixture = *state;
+	struct kit_client *client = kit_connect(&fixture->daemon);
+	struct wire_hello hello = { .version = WIRE_VERSION + 1, .name = "future" };
+	const struct wire_error *error;
+
+	wire_header_init(&hello.header, WIRE_HELLO, sizeof(hello));
+	kit_send(client, &hello, sizeof(hello), -1);
+	error = kit_receive(client, WIRE_ERROR);
+	assert_int_equal(error->error, -EPROTONOSUPPORT);
+	assert_int_equal(error->version, WIRE_VERSION);
+	kit_receive(client, 0);
+	kit_disconnect(client);
+	check_honest(fixture, 0);
+}
+
+/* A message, and whether it comes after HELLO and an OPEN. */
+struct bad_message {
+	const char *what;
+	union {
+		struct wire_header header;
+		struct wire_hello hello;
+		struct wire_close close;
+		struct wire_retire retire;
+		struct wire_status status;
+		struct wire_open open;
+		struct {
+			struct wire_set set;
+			struct wire_entry entry;
+		} set;
+		struct {
+			struct wire_prefetch prefetch;
+			struct wire_entry entry;
+		} prefetch;
+	};
+	uint16_t type;
+	uint32_t bytes;
+};
+
+#define SET_ONE_BYTES      (sizeof(struct wire_set) + sizeof(struct wire_entry))
+#define PREFETCH_ONE_BYTES (sizeof(struct wire_prefetch) + sizeof(struct wire_entry))
+#define WHOLE_SET          (WIRE_SET_FIRST | WIRE_SET_LAST)
+
+static const struct bad_message bad_messages[] = {
+	{ .what = "a second HELLO",
+	  .hello = { .version = WIRE_VERSION, .name = "again" },
+	  .type = WIRE_HELLO,
+	  .bytes = sizeof(struct wire_hello) },
+	{ .what = "what only the daemon says", .type = WIRE_WELCOME, .bytes = 32 },
+	{ .what = "an unknown type", .type = 999, .bytes = 8 },
+	{ .what = "no more than a header", .type = WIRE_SET, .bytes = 8 },
+	{ .what = "a part of a header", .type = WIRE_SET, .bytes = 4 },
+	{ .what = "CLOSE beyond the numbers",
+	  .close = { .store = WIRE_STORE_COUNT_MAX },
+	  .type = WIRE_CLOSE,
+	  .bytes = sizeof(struct wire_close) },
+	{ .what = "OPEN without a descriptor",
+	  .open = { .store = 3 },
+	  .type = WIRE_OPEN,
+	  .bytes = sizeof(struct wire_open) },
+	{ .what = "SET of a store that is not open",
+	  .set = { { .serial = 9, .flags = WHOLE_SET, .entry_count = 1 }, { 5, 1, 1.0f } },
+	  .type = WIRE_SET,
+	  .bytes = SET_ONE_BYTES },
+	{ .what = "SET of a node that there is not",
+	  .set = { { .serial = 9, .flags = WHOLE_SET, .entry_count = 1 }, { 0, UINT32_MAX, 1.0f } },
+	  .type = WIRE_SET,
+	  .bytes = SET_ONE_BYTES },
+	{ .what = "SET with a count beyond its end",
+	  .set = { { .serial = 9, .flags = WHOLE_SET, .entry_count = 1000 }, { 0, 1, 1.0f } },
+	  .type = WIRE_SET,
+	  .bytes = SET_ONE_BYTES },
+	{ .what = "SET with unknown flags",
+	  .set = { { .serial = 9, .flags = 1u << 31, .entry_count = 1 }, { 0, 1, 1.0f } },
+	  .type = WIRE_SET,
+	  .bytes = SET_ONE_BYTES },
+	{ .what = "SET that goes on without having begun",
+	  .set = { { .serial = 9, .flags = WIRE_SET_LAST, .entry_count = 0 }, { 0, 0, 0.0f } },
+	  .type = WIRE_SET,
+	  .bytes = sizeof(struct wire_set) },
+	{ .what = "SET number 0",
+	  .set = { { .serial = 0, .flags = WHOLE_SET, .entry_count = 0 }, { 0, 0, 0.0f } },
+	  .type = WIRE_SET,
+	  .bytes = sizeof(struct wire_set) },
+	{ .what = "PREFETCH of a node that there is not",
+	  .prefetch = { { .entry_count = 1 }, { 0, 1u << 30, 1.0f } },
+	  .type = WIRE_PREFETCH,
+	  .bytes = PREFETCH_ONE_BYTES },
+	{ .what = "STATUS of nothing known",
+	  .status = { .what = 77 },
+	  .type = WIRE_STATUS,
+	  .bytes = sizeof(struct wire_status) },
+};
+
+static void a_client_that_breaks_the_protocol_is_dropped_alone(void **state)
+{
+	struct fixture *fixture = *state;
+
+	for (size_t i = 0; i < ARRAY_LENGTH(bad_messages); i++) {
+		struct bad_message bad = bad_messages[i];
+		struct kit_client *client = kit_hello(&fixture->daemon);
+
+		print_message("%s\n", bad.what);
+		kit_open(client, 0, fixture->store_path);
+		wire_header_init(&bad.header, bad.type, bad.bytes);
+		kit_send(client, &bad.header, bad.bytes, -1);
+		kit_receive(client, 0);
+		kit_disconnect(client);
+		check_honest(fixture, (uint32_t)i);
+	}
+}
+
+static void bytes_at_random_are_refused(void **state)
+{
+	struct fixture *fixture = *state;
+	unsigned seed = 12;
+
+	for (uint32_t i = 0; i < 300; i++) {
+		struct kit_client *client =
+			i % 2 ? kit_hello(&fixture->daemon) : kit_connect(&fixture->daemon);
+		_Alignas(8) uint8_t bytes[4096];
+		uint32_t length = 1 + (uint32_t)rand_r(&seed) % sizeof(bytes);
+		struct wire_header *header = (struct wire_header *)(void *)bytes;
+
+		for (uint32_t b = 0; b < length; b++)
+			bytes[b] = rand_r(&seed) % 4 ? 0 : (uint8_t)rand_r(&seed);
+		/* Mostly with a head that gets it looked at. */
+		if (length >= sizeof(*header) && i % 8) {
+			header->type = (uint16_t)(1 + (uint32_t)rand_r(&seed) % 7);
+			header->reserved = 0;
+			header->bytes = length;
+		}
+		kit_send(client, bytes, length, i % 5 ? -1 : client->fd);
+		kit_disconnect(client);
+	}
+	check_honest(fixture, 3);
+}
+
+static void a_client_that_never_reads_harms_nobody(void **state)
+{
+	struct fixture *fixture = *state;
+	struct wire_status message = { .what = WIRE_STATUS_ALL };
+	struct kit_client *clients[8];
+
+	wire_header_init(&message.header, WIRE_STATUS, sizeof(message));
+	for (uint32_t i = 0; i < 8; i++) {
+		clients[i] = kit_hello(&fixture->daemon);
+		kit_open(clients[i], 0, fixture->store_path);
+	}
+	for (uint32_t round = 0; round < 200; round++) {
+		for (uint32_t i = 0; i < 8; i++) {
+			uint32_t count = kit_entries(&clients[i]->stores[0], 0, round, 40, entries);
+
+			kit_set(clients[i], entries, count, WIRE_SET_RETIRE);
+			kit_send(clients[i], &message, sizeof(message), -1);
+		}
+		if (round % 20 == 0)
+			check_honest(fixture, round);
+	}
+	for (uint32_t i = 0; i < 8; i++)
+		kit_disconnect(clients[i]);
+	kit_await_number(fixture->honest, "held_nodes", 20);
+}
+
+/* ---- what is passed as a store ---- */
+
+static void what_is_no_store_is_refused_with_its_reason(void **state)
+{
+	struct fixture *fixture = *state;
+	const char *text_path = test_path(fixture->folder, "text.ooc");
+	const char *empty_path = test_path(fixture->folder, "empty.ooc");
+	int pipes[2];
+	int fd;
+
+	test_file_write(text_path, "ply\nformat ascii 1.0\n", 21);
+	test_file_write(empty_path, "", 0);
+	assert_int_equal(pipe2(pipes, O_CLOEXEC), 0);
+	assert_int_equal(kit_open_error(fixture->honest, 1, pipes[0]), -EINVAL);
+	(void)close(pipes[0]);
+	(void)close(pipes[1]);
+	fd = open(fixture->folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+	assert_int_equal(kit_open_error(fixture->honest, 1, fd), -EINVAL);
+	(void)close(fd);
+	fd = open("/dev/null", O_RDONLY | O_CLOEXEC);
+	assert_int_equal(kit_open_error(fixture->honest, 1, fd), -EINVAL);
+	(void)close(fd);
+	/* A descriptor that is no proof of the right to read. */
+	fd = open(fixture->store_path, O_WRONLY | O_CLOEXEC);
+	assert_int_equal(kit_open_error(fixture->honest, 1, fd), -EACCES);
+	(void)close(fd);
+	fd = open(fixture->store_path, O_PATH | O_CLOEXEC);
+	assert_int_equal(kit_open_error(fixture->honest, 1, fd), -EACCES);
+	(void)close(fd);
+	fd = open(text_path, O_RDONLY | O_CLOEXEC);
+	assert_true(kit_open_error(fixture->honest, 1, fd) < 0);
+	(void)close(fd);
+	fd = open(empty_path, O_RDONLY | O_CLOEXEC);
+	assert_true(kit_open_error(fixture->honest, 1, fd) < 0);
+	(void)close(fd);
+	check_honest(fixture, 0);
+}
+
+static void a_store_cut_anywhere_is_refused_or_served_without_what_is_gone(void **state)
+{
+	struct fixture *fixture = *state;
+	const char *path = test_path(fixture->folder, "cut.ooc");
+	size_t bytes;
+	uint8_t *content = test_file_read(fixture->store_path, &bytes);
+
+	for (uint32_t i = 0; i < 12; i++) {
+		int fd;
+
+		test_file_write(path, content, bytes * i / 12);
+		fd = open(path, O_RDONLY | O_CLOEXEC);
+		assert_true(kit_open_error(fixture->honest, 1, fd) < 0);
+		(void)close(fd);
+	}
+	free(content);
+	check_honest(fixture, 0);
+}
+
+static void a_store_cut_while_it_is_served_fails_per_node(void **state)
+{
+	struct fixture *fixture = *state;
+	struct kit_store *store = kit_open(fixture->honest, 0, fixture->store_path);
+	uint32_t count;
+
+	check_honest(fixture, 0);
+	count = kit_entries(store, 0, 0, ENTRIES_MAX, entries);
+	assert_int_equal(truncate(fixture->store_path,
+				  (off_t)store->nodes[entries[count / 2].node].file_offset + 100),
+			 0);
+	kit_set(fixture->honest, entries, count, WIRE_SET_RETIRE);
+	kit_settle(fixture->honest);
+	assert_in_range(kit_count_drawable(store), 20, count - 1);
+	assert_int_equal(fixture->honest->last_reason, WIRE_REASON_UNREADABLE);
+	assert_int_equal(fixture->honest->refusal_count, count - kit_count_drawable(store));
+	assert_int_equal(kit_status_number(fixture->honest, "errors"),
+			 fixture->honest->refusal_count);
+}
+
+/* Flips one bit of a node's bytes in the file. */
+static void damage(const struct fixture *fixture, const struct store_node *record, uint32_t at)
+{
+	int fd = open(fixture->store_path, O_RDWR | O_CLOEXEC);
+	uint8_t byte;
+
+	assert_true(fd >= 0);
+	assert_int_equal(pread(fd, &byte, 1, (off_t)(record->file_offset + at)), 1);
+	byte ^= 0x10;
+	assert_int_equal(pwrite(fd, &byte, 1, (off_t)(record->file_offset + at)), 1);
+	assert_int_equal(fsync(fd), 0);
+	(void)close(fd);
+}
+
+static void a_damaged_payload_is_said_to_be_and_never_shown(void **state)
+{
+	struct fixture *fixture = *state;
+	struct kit_store *store = kit_open(fixture->honest, 0, fixture->store_path);
+	uint32_t count = kit_entries(store, 0, 0, 60, entries);
+
+	for (uint32_t i = 0; i < 60; i += 6)
+		damage(fixture, &store->nodes[entries[i].node], i * 31);
+	kit_set(fixture->honest, entries, count, WIRE_SET_RETIRE);
+	kit_settle(fixture->honest);
+	assert_int_equal(kit_count_drawable(store), 50);
+	assert_int_equal(fixture->honest->refusal_count, 10);
+	assert_int_equal(fixture->honest->last_reason, WIRE_REASON_DAMAGED);
+	for (uint32_t i = 0; i < 60; i += 6)
+		assert_int_equal(wire_word_state(store->directory->words[entries[i].node]),
+				 WIRE_NODE_DAMAGED);
+	assert_int_equal(kit_status_number(fixture->honest, "errors"), 10);
+	/* Asked for again, it is refused again, and not read. */
+	kit_set(fixture->honest, entries, count, WIRE_SET_RETIRE);
+	kit_settle(fixture->honest);
+	assert_int_equal(fixture->honest->refusal_count, 10);
+	assert_int_equal(kit_status_number(fixture->honest, "fetches"), 60);
+}
+
+static void a_disk_that_fails_now_and_then_loses_only_what_it_fails(void **state)
+{
+	struct fixture *fixture = *state;
+	struct kit_store *store = kit_open(fixture->honest, 0, fixture->store_path);
+	uint32_t count = kit_entries(store, 0, 0, ENTRIES_MAX, entries);
+	uint32_t drawable;
+
+	kit_set(fixture->honest, entries, count, WIRE_SET_RETIRE);
+	kit_settle(fixture->honest);
+	drawable = kit_count_drawable(store);
+	assert_in_range(drawable, count / 2, count - 1);
+	assert_int_equal(fixture->honest->refusal_count, count - drawable);
+}
+
+static void a_store_replaced_by_another_is_another_store(void **state)
+{
+	struct fixture *fixture = *state;
+	const struct test_grid other_grid = { .count = 6 };
+	struct kit_client *client;
+	struct kit_store *store;
+
+	check_honest(fixture, 0);
+	/* Committing replaces the name; the old file lives on for those who have it. */
+	test_store_grid_make(fixture->store_path, &other_grid);
+	client = kit_hello(&fixture->daemon);
+	store = kit_open(client, 0, fixture->store_path);
+	assert_true(store->node_count != fixture->honest->stores[0].node_count);
+	kit_set(client, entries, kit_entries(store, 0, 0, 20, entries), 0);
+	kit_settle(client);
+	assert_int_equal(kit_count_drawable(store), 20);
+	check_honest(fixture, 30);
+	kit_disconnect(client);
+}
+
+static void a_store_written_anew_in_its_place_is_noticed_when_it_is_opened(void **state)
+{
+	struct fixture *fixture = *state;
+	const struct test_grid other_grid = { .count = 6 };
+	const char *other_path = test_path(fixture->folder, "other.ooc");
+	struct kit_client *client;
+	struct kit_store *store;
+	uint8_t *content;
+	size_t bytes;
+
+	check_honest(fixture, 0);
+	test_store_grid_make(other_path, &other_grid);
+	content = test_file_read(other_path, &bytes);
+	test_file_write(fixture->store_path, content, bytes);
+	free(content);
+	client = kit_hello(&fixture->daemon);
+	store = kit_open(client, 0, fixture->store_path);
+	assert_true(store->node_count != fixture->honest->stores[0].node_count);
+	kit_set(client, entries, kit_entries(store, 0, 0, 20, entries), 0);
+	kit_settle(client);
+	assert_int_equal(kit_count_drawable(store), 20);
+	kit_disconnect(client);
+}
+
+static void many_connections_at_once_are_served_or_told_why_not(void **state)
+{
+	struct fixture *fixture = *state;
+	struct kit_client *clients[100];
+
+	for (uint32_t i = 0; i < ARRAY_LENGTH(clients); i++)
+		clients[i] = kit_hello(&fixture->daemon);
+	check_honest(fixture, 0);
+	for (uint32_t i = 0; i < ARRAY_LENGTH(clients); i++)
+		kit_disconnect(clients[i]);
+	check_honest(fixture, 10);
+}
+
+int main(void)
+{
+#define FAULT_TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
+	const struct CMUnitTest tests[] = {
+		FAULT_TEST(a_killed_client_gives_its_holds_back),
+		FAULT_TEST(a_killed_client_gives_its_holds_back_though_its_child_keeps_the_socket),
+		FAULT_TEST(another_version_is_told_so),
+		FAULT_TEST(a_client_that_breaks_the_protocol_is_dropped_alone),
+		FAULT_TEST(bytes_at_random_are_refused),
+		FAULT_TEST(a_client_that_never_reads_harms_nobody),
+		FAULT_TEST(what_is_no_store_is_refused_with_its_reason),
+		FAULT_TEST(a_store_cut_anywhere_is_refused_or_served_without_what_is_gone),
+		FAULT_TEST(a_store_cut_while_it_is_served_fails_per_node),
+		FAULT_TEST(a_damaged_payload_is_said_to_be_and_never_shown),
+		cmocka_unit_test_setup_teardown(
+			a_disk_that_fails_now_and_then_loses_only_what_it_fails, setup_failing_disk,
+			teardown),
+		FAULT_TEST(a_store_replaced_by_another_is_another_store),
+		FAULT_TEST(a_store_written_anew_in_its_place_is_noticed_when_it_is_opened),
+		FAULT_TEST(many_connections_at_once_are_served_or_told_why_not),
+	};
+
+	return TEST_RUN(tests);
+}
