@@ -12,6 +12,10 @@ oocd_test(test_store_judge unit SOURCES unit/test_store_judge.c LINK oocd_test_h
 oocd_test(test_store_damage unit SOURCES unit/test_store_damage.c LINK oocd_test_helper)
 oocd_test(test_payload unit SOURCES unit/test_payload.c LINK oocd_test_helper m)
 oocd_test(test_codec unit SOURCES unit/test_codec.c LINK oocd_test_helper)
+oocd_test(test_store_writer unit
+	SOURCES unit/test_store_writer.c ${CMAKE_SOURCE_DIR}/formats/store/store_writer.c
+	LINK oocd_test_helper PkgConfig::XXHASH PkgConfig::ZSTD)
+target_compile_definitions(test_store_writer PRIVATE OOCD_UNIT_TESTING)
 oocd_test(fault_store fault SOURCES fault/fault_store.c LINK oocd_test_helper TIMEOUT 120)
 target_link_options(fault_store PRIVATE
 	-Wl,--wrap=malloc,--wrap=calloc,--wrap=aligned_alloc,--wrap=strdup,--wrap=realpath

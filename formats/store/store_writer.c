@@ -26,6 +26,7 @@
 struct store_writer {
 	struct new_file *file;
 	struct write_stream *stream;
+	bool is_over; /* a commit was tried: only destroying it is left */
 };
 
 int store_writer_create(const char *path, struct store_writer **ret, struct why *why)
@@ -79,6 +80,7 @@ int store_writer_payload(struct store_writer *writer, uint64_t payload_id, uint3
 	uint64_t file_offset = write_stream_offset(writer->stream);
 	int r;
 
+	CHECK(!writer->is_over);
 	CHECK(payload_id > 0 && stored_bytes > 0 && codec < STORE_CODEC_COUNT_);
 	r = write_stream_append(writer->stream, stored, stored_bytes);
 	if (r == 0)
@@ -273,6 +275,8 @@ int store_writer_commit(struct store_writer *writer, struct store_superblock *su
 	struct store_superblock block = *superblock;
 	int r;
 
+	CHECK(!writer->is_over);
+	writer->is_over = true;
 	if (block.node_count == 0)
 		return why_set(why, -EINVAL, "a store has at least its root");
 	memcpy(block.magic, STORE_MAGIC, sizeof(block.magic));

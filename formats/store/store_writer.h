@@ -9,6 +9,11 @@
  * Payloads are appended in the order of the calls; the caller decides that order, which is the
  * order on disk.  Writes are gathered into large aligned ones.
  *
+ *	store_writer_create -> { store_writer_payload } -> store_writer_commit -> store_writer_destroy
+ *
+ * A failed write fails every write after it in the same way, and the commit.  A commit, whether it
+ * succeeds or not, is the last thing but destroying the writer.
+ *
  * Threads: one thread at a time.
  */
 #ifndef FORMATS_STORE_STORE_WRITER_H
