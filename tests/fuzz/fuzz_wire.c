@@ -63,7 +63,7 @@ static uint64_t message_sum(const struct wire_header *header)
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size_bytes)
 {
-	static volatile uint64_t sink;
+	volatile uint64_t sink = 0;
 	struct why why = { "" };
 	size_t message_bytes;
 	void *message;
@@ -81,7 +81,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size_bytes)
 		       data[0] >> 1, &why);
 	CHECK((r == 0) == (why.text[0] == '\0'));
 	if (r == 0)
-		sink = message_sum(message);
+		sink = sink + message_sum(message);
 	free(message);
 	return 0;
 }
