@@ -176,8 +176,13 @@ static void a_disk_that_takes_no_more_is_told_and_leaves_no_picture(void **state
 	struct rlimit small;
 
 	assert_non_null(pixels);
-	for (int i = 0; i < 64 * 64 * 3; i++)
-		pixels[i] = (float)(i * 7919 % 1000) / 1000.0f;
+	/* Noise, which no compression makes small: Marsaglia's xorshift. */
+	for (uint32_t i = 0, noise = 1; i < 64 * 64 * 3; i++) {
+		noise ^= noise << 13;
+		noise ^= noise >> 17;
+		noise ^= noise << 5;
+		pixels[i] = (float)(noise >> 8) / (float)(1 << 24);
+	}
 	assert_int_equal(getrlimit(RLIMIT_FSIZE, &limit), 0);
 	small = limit;
 	small.rlim_cur = 4096;
