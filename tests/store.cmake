@@ -48,3 +48,6 @@ oocd_test(test_golden_store golden SOURCES golden/test_golden_store.c LINK oocd_
 oocd_test(test_oocctl integration SOURCES integration/test_oocctl.c
 	LINK oocd_test_helper PkgConfig::JANSSON)
 add_dependencies(test_oocctl oocctl)
+oocd_test(test_oocctl_daemon integration SOURCES integration/test_oocctl_daemon.c
+	LINK oocd_daemon_kit PkgConfig::JANSSON)
+add_dependencies(test_oocctl_daemon oocctl)

@@ -199,11 +199,21 @@ static void print_uptime(const json_t *status)
 	       seconds / 60 % 60, seconds % 60);
 }
 
+static void print_cache(const json_t *status)
+{
+	fputs("cache", stdout);
+	print_size(status, "cache_used_bytes", 0);
+	fputs(" of", stdout);
+	print_size(status, "cache_bytes", 0);
+	putchar('\n');
+}
+
 static void print_status(const json_t *status)
 {
 	const json_t *degraded = json_object_get(status, "degraded");
 
 	print_uptime(status);
+	print_cache(status);
 	for (size_t i = 0; i < json_array_size(degraded); i++) {
 		const char *loss = json_string_value(json_array_get(degraded, i));
 
