@@ -11,3 +11,16 @@ oocd_test(test_wire unit
 	SOURCES unit/test_wire.c unit/wire_samples.c LINK oocd_wire oocd_test_helper m)
 oocd_test(test_protocol_text unit SOURCES unit/test_protocol_text.c LINK oocd_wire oocd_test_helper)
 oocd_fuzz(fuzz_wire LINK oocd_wire)
+
+# The examples, against the installed tree.  Programs built with a sanitizer cannot load it late.
+add_executable(make_grid_store integration/make_grid_store.c)
+target_link_libraries(make_grid_store PRIVATE oocd_test_helper)
+set_target_properties(make_grid_store PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
+if(OOCD_SANITIZE)
+	set(sanitize_flag -fsanitize=${OOCD_SANITIZE})
+endif()
+add_test(NAME integration.test_examples
+	COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/integration/test_examples.sh ${CMAKE_BINARY_DIR}
+		${CMAKE_SOURCE_DIR} $<TARGET_FILE:make_grid_store>
+		${CMAKE_C_COMPILER} ${CMAKE_CXX_COMPILER} ${sanitize_flag})
+set_tests_properties(integration.test_examples PROPERTIES LABELS integration TIMEOUT 300)
