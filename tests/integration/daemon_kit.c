@@ -63,6 +63,12 @@ static _Noreturn void daemon_main(const struct server_config *config, int ready_
 void kit_daemon_start(const char *folder, const struct server_config *config,
 		      struct kit_daemon *ret)
 {
+	kit_daemon_start_prepared(folder, config, NULL, ret);
+}
+
+void kit_daemon_start_prepared(const char *folder, const struct server_config *config,
+			       void (*prepare)(void), struct kit_daemon *ret)
+{
 	struct server_config own = *config;
 	int ready[2];
 	char byte;
@@ -76,6 +82,8 @@ void kit_daemon_start(const char *folder, const struct server_config *config,
 	assert_true(ret->pid >= 0);
 	if (ret->pid == 0) {
 		(void)close(ready[0]);
+		if (prepare)
+			prepare();
 		daemon_main(&own, ready[1]);
 	}
 	(void)close(ready[1]);

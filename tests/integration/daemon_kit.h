@@ -36,6 +36,10 @@ struct server_config kit_config(void);
 void kit_daemon_start(const char *folder, const struct server_config *config,
 		      struct kit_daemon *ret);
 
+/** The same, after prepare() has taken something away in the daemon's process. */
+void kit_daemon_start_prepared(const char *folder, const struct server_config *config,
+			       void (*prepare)(void), struct kit_daemon *ret);
+
 /** Ends it by a signal and waits.  Returns: its exit status, or minus the signal that killed it. */
 int kit_daemon_stop(struct kit_daemon *daemon, int signal);
 
