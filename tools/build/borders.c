@@ -16,14 +16,6 @@
 #define FILTER_BITS  17
 #define FILTER_WORDS ((UINT32_C(1) << FILTER_BITS) / 64)
 
-uint64_t borders_worker_bytes(const struct grid *grid)
-{
-	uint64_t a_record = border_words(grid) * 4 + sizeof(struct border_answer) +
-			    2 * sizeof(struct normal_share) + 6 * sizeof(uint32_t);
-
-	return BORDER_RECORDS_MAX / 8 * a_record + (uint64_t)SCAN_TRIANGLES * RECORD_WORDS_MAX * 4;
-}
-
 static void load_border(const struct grid *grid, const uint32_t *row, struct border_record *ret)
 {
 	memcpy(ret, row + grid_position_words(grid), sizeof(*ret));
@@ -59,6 +51,23 @@ struct answerer {
 	struct border_answer *answers; /* per row */
 	uint32_t *triangles;           /* SCAN_TRIANGLES records */
 };
+
+uint64_t borders_worker_bytes(const struct borders *borders)
+{
+	uint64_t row_bytes = border_words(borders->grid) * 4;
+	uint64_t row_count = 0;
+
+	for (uint32_t i = 0; i < borders->buckets->bucket_count; i++) {
+		uint64_t here = exchange_bytes(borders->records, i) / row_bytes;
+
+		if (here <= BORDER_RECORDS_MAX)
+			row_count = u64_max(row_count, here);
+	}
+	/* Row, slots, two tables of positions, shares of as many own faces, answers twice, addresses. */
+	return row_count * (row_bytes + 4 * 4 + 2 * 4 + 2 * sizeof(struct border_share) +
+			    2 * sizeof(struct border_answer) + 8) +
+	       (uint64_t)SCAN_TRIANGLES * borders->shape->words * 4 + SPOOL_SEGMENT_BYTES;
+}
 
 static int grow(void *array, uint32_t *max, uint32_t needed, size_t element_bytes)
 {
@@ -326,7 +335,8 @@ static int compare_addressed(const void *a, const void *b)
 static int put_answers(struct answerer *answerer, struct why *why)
 {
 	const struct borders *borders = answerer->borders;
-	const uint32_t piece_max = SPOOL_SEGMENT_BYTES / (uint32_t)sizeof(struct border_answer);
+	const uint32_t piece_max = (uint32_t)u64_min(
+		SPOOL_SEGMENT_BYTES / sizeof(struct border_answer), answerer->row_count);
 	struct addressed *addressed = malloc(answerer->row_count * sizeof(*addressed));
 	struct border_answer *sorted = malloc(piece_max * sizeof(*sorted));
 	struct exchange_fragment *fragments =

@@ -50,7 +50,7 @@ struct border_answer {
 };
 
 /** More records than these for one bucket are not answered: their corners stay flat. */
-#define BORDER_RECORDS_MAX (UINT32_C(1) << 20)
+#define BORDER_RECORDS_MAX (UINT32_C(1) << 18)
 
 struct borders {
 	const struct grid *grid;
@@ -66,8 +66,8 @@ struct borders {
 	struct progress *progress;
 };
 
-/** Memory that each worker takes at most. */
-uint64_t borders_worker_bytes(const struct grid *grid);
+/** Memory that each worker of borders_answer() takes. */
+uint64_t borders_worker_bytes(const struct borders *borders);
 
 /** Answers all records and seals the answers.  Returns: 0, -ENOMEM, -ECANCELED or -errno. */
 int borders_answer(const struct borders *borders, uint32_t worker_count, struct why *why);

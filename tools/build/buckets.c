@@ -141,25 +141,18 @@ static void walk_child(const struct walk_cell *from, uint32_t octant, struct wal
 		ret->cell[i] = from->cell[i] << 1 | (octant >> i & 1);
 }
 
-static bool walk_touches(const struct buckets *buckets, const struct walk_cell *cell,
-			 const double corners[9])
-{
-	double cell_min[3];
-	double size;
-
-	overlap_cell_box(buckets->grid, cell->level, cell->cell, cell_min, &size);
-	return overlap_touches(buckets->grid, corners, cell_min, size);
-}
-
 /* Replicate: every cell that the triangle touches, at every depth. */
 static void count_touched(struct buckets *buckets, const double corners[9])
 {
-	struct walk_cell stack[WALK_STACK_MAX] = { { 0 } };
+	struct walk_cell stack[WALK_STACK_MAX];
 	uint32_t stack_count = 1;
 
+	/* Only the root: filling the whole stack would take longer than the walk. */
+	stack[0] = (struct walk_cell){ 0 };
 	while (stack_count > 0) {
 		struct walk_cell at = stack[--stack_count];
 		const struct bucket_cell *cell = &buckets->cells[at.index];
+		uint32_t octants;
 		uint64_t *counters =
 			buckets->counters + (size_t)cell->counters * buckets->counters_words;
 
@@ -169,9 +162,12 @@ static void count_touched(struct buckets *buckets, const double corners[9])
 		    (cell->counters == COUNTERS_NONE || at.depth == buckets->counters_levels ||
 		     at.level == buckets->grid->level_max))
 			continue;
+		octants = overlap_octants(buckets->grid, corners, at.level, at.cell);
 		for (uint32_t octant = 0; octant < 8; octant++) {
 			struct walk_cell child;
 
+			if (!(octants >> octant & 1))
+				continue;
 			walk_child(&at, octant, &child);
 			if (cell->first_child != 0) {
 				child.index = cell->first_child + octant;
@@ -179,8 +175,6 @@ static void count_touched(struct buckets *buckets, const double corners[9])
 				child.depth = at.depth + 1;
 				child.position = at.position << 3 | octant;
 			}
-			if (!walk_touches(buckets, &child, corners))
-				continue;
 			CHECK(stack_count < WALK_STACK_MAX);
 			stack[stack_count++] = child;
 		}
@@ -324,8 +318,8 @@ static int bucket_add_cell(struct buckets *buckets, uint32_t index)
 	cell->bucket = buckets->bucket_count == 0 ? 0 : buckets->bucket_count - 1;
 	if (cell->triangle_count == 0)
 		return 0;
+	cell->ordinal = bucket->cell_count++;
 	bucket->triangle_count += cell->triangle_count;
-	bucket->cell_count++;
 	buckets->leaf_cells[buckets->leaf_cell_count++] = index;
 	return 0;
 }
@@ -375,30 +369,74 @@ int buckets_choose(struct buckets *buckets)
 	return 0;
 }
 
-uint32_t buckets_touched(const struct buckets *buckets, const double corners[9], uint32_t *ret)
-{
-	struct walk_cell stack[WALK_STACK_MAX] = { { 0 } };
-	uint32_t stack_count = 1;
-	uint32_t count = 0;
+/** Told of a cell without children that a triangle touches. */
+typedef void (*touched_fn)(void *arg, const struct bucket_cell *cell);
 
+/* In Morton order, so that a bucket's cells come one after the other. */
+static void walk_touched(const struct buckets *buckets, const double corners[9], touched_fn touched,
+			 void *arg)
+{
+	struct walk_cell stack[WALK_STACK_MAX];
+	uint32_t stack_count = 1;
+
+	/* Only the root: filling the whole stack would take longer than the walk. */
+	stack[0] = (struct walk_cell){ 0 };
 	while (stack_count > 0) {
 		struct walk_cell at = stack[--stack_count];
 		const struct bucket_cell *cell = &buckets->cells[at.index];
+		uint32_t octants;
 
 		if (cell->first_child == 0) {
-			if (cell->triangle_count > 0 &&
-			    (count == 0 || ret[count - 1] != cell->bucket))
-				ret[count++] = cell->bucket;
+			if (cell->triangle_count > 0)
+				touched(arg, cell);
 			continue;
 		}
+		octants = overlap_octants(buckets->grid, corners, at.level, at.cell);
 		for (uint32_t octant = 8; octant-- > 0;) {
-			struct walk_cell child;
-
-			walk_child(&at, octant, &child);
-			child.index = cell->first_child + octant;
-			if (walk_touches(buckets, &child, corners))
-				stack[stack_count++] = child;
+			if (!(octants >> octant & 1))
+				continue;
+			walk_child(&at, octant, &stack[stack_count]);
+			stack[stack_count++].index = cell->first_child + octant;
 		}
 	}
-	return count;
+}
+
+/** Numbers that are gathered on a walk. */
+struct gathered {
+	uint32_t *numbers;
+	uint32_t count;
+	uint32_t bucket;
+};
+
+static void gather_bucket(void *arg, const struct bucket_cell *cell)
+{
+	struct gathered *gathered = arg;
+
+	if (gathered->count == 0 || gathered->numbers[gathered->count - 1] != cell->bucket)
+		gathered->numbers[gathered->count++] = cell->bucket;
+}
+
+static void gather_ordinal(void *arg, const struct bucket_cell *cell)
+{
+	struct gathered *gathered = arg;
+
+	if (cell->bucket == gathered->bucket)
+		gathered->numbers[gathered->count++] = cell->ordinal;
+}
+
+uint32_t buckets_touched(const struct buckets *buckets, const double corners[9], uint32_t *ret)
+{
+	struct gathered gathered = { .numbers = ret };
+
+	walk_touched(buckets, corners, gather_bucket, &gathered);
+	return gathered.count;
+}
+
+uint32_t buckets_touched_cells(const struct buckets *buckets, uint32_t bucket,
+			       const double corners[9], uint32_t *ret)
+{
+	struct gathered gathered = { .numbers = ret, .bucket = bucket };
+
+	walk_touched(buckets, corners, gather_ordinal, &gathered);
+	return gathered.count;
 }

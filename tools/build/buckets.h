@@ -35,6 +35,7 @@ struct bucket_cell {
 	uint64_t triangle_count;
 	uint32_t first_child; /* of eight side by side; 0: it has none */
 	uint32_t bucket;      /* of a cell without children */
+	uint32_t ordinal;     /* of such a cell with triangles, in its bucket */
 	uint32_t counters;    /* in the round that counts below it; else COUNTERS_NONE */
 	uint32_t cell[3];
 	double spread; /* product, from the root down, of triangles of children a triangle */
@@ -116,6 +117,16 @@ static inline uint32_t buckets_find_point(const struct buckets *buckets, const d
  * Returns: how many.
  */
 uint32_t buckets_touched(const struct buckets *buckets, const double corners[9], uint32_t *ret);
+
+/**
+ * The cells of one bucket that a triangle touches, as ordinals.
+ *
+ * ret:  room for the bucket's cell_count numbers
+ *
+ * Returns: how many.
+ */
+uint32_t buckets_touched_cells(const struct buckets *buckets, uint32_t bucket,
+			       const double corners[9], uint32_t *ret);
 
 /** Bytes of the tables, for the budget. */
 uint64_t buckets_table_bytes(const struct buckets *buckets);

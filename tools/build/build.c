@@ -9,6 +9,7 @@
 #include <sys/resource.h>
 
 #include "formats/base/bytes.h"
+#include "formats/base/check.h"
 #include "formats/base/clock.h"
 #include "formats/store/store_writer.h"
 #include "tools/build/borders.h"
@@ -63,14 +64,21 @@ static uint32_t workers_within(const struct build *build, uint64_t bytes_each)
 	return (uint32_t)u64_max(u64_min(count, build->crew->worker_count), 1);
 }
 
+/* Where triangles are replicated, a cell that cannot be cut is a leaf as it is. */
+static uint32_t leaf_max(const struct build *build)
+{
+	return build->options->layout == STORE_LAYOUT_REPLICATE ? build->bucket_triangles
+								: build->options->leaf_triangles;
+}
+
 /* What the hungriest phase takes for all workers, within half of what there is. */
 static int plan_memory(struct build *build, struct why *why)
 {
 	const struct build_options *options = build->options;
 	/* The widest record: how wide it will be is known only after the import. */
 	const struct record_shape widest = { .position_words = 6, .words = RECORD_WORDS_MAX };
-	uint64_t each = cut_worker_bytes(&widest, build->bucket_triangles, options->leaf_triangles,
-					 options->codec);
+	uint64_t each =
+		cut_worker_bytes(&widest, build->bucket_triangles, leaf_max(build), options->codec);
 	uint64_t room;
 
 	each = u64_max(each, deal_worker_bytes(&widest));
@@ -271,19 +279,15 @@ static int match_borders(struct build *build, struct why *why)
 		return 0;
 	progress_phase(&build->progress, PHASE_BORDERS, sum_of_triangles(&build->buckets));
 	return borders_answer(&build->borders,
-			      workers_within(build, borders_worker_bytes(&build->grid)), why);
+			      workers_within(build, borders_worker_bytes(&build->borders)), why);
 }
 
 static int cut_all(struct build *build, struct why *why)
 {
 	const struct build_options *options = build->options;
 	uint32_t workers;
-	int r;
 
 	progress_phase(&build->progress, PHASE_CUT, sum_of_triangles(&build->buckets));
-	r = store_writer_create(options->output, &build->writer, why);
-	if (r < 0)
-		return r;
 	build->cut = (struct cut){
 		.borders = &build->borders,
 		.labels = &build->labels,
@@ -296,7 +300,7 @@ static int cut_all(struct build *build, struct why *why)
 		.progress = &build->progress,
 	};
 	workers = workers_within(build, cut_worker_bytes(&build->shape, build->bucket_triangles,
-							 options->leaf_triangles, options->codec));
+							 leaf_max(build), options->codec));
 	build->report->workers = workers;
 	return cut_run(&build->cut, workers, why);
 }
@@ -361,6 +365,9 @@ static void fill_report(struct build *build, const struct store_superblock *supe
 
 	for (uint64_t i = 0; i < build->cut.leaf_count; i++)
 		unique += build->cut.leaves[i].primary_count;
+	/* Nothing got lost on the way. */
+	CHECK(unique ==
+	      build->soup.triangle_count - build->soup.non_finite_count - report->degenerate);
 	report->triangles_in = build->soup.triangle_count;
 	report->triangles_stored = superblock->triangle_count;
 	report->non_finite = build->soup.non_finite_count;
@@ -371,7 +378,7 @@ static void fill_report(struct build *build, const struct store_superblock *supe
 	report->parts = superblock->part_count;
 	report->nodes = superblock->node_count;
 	report->leaves = build->cut.leaf_count;
-	report->depth_limited_leaves = build->cut.chopped_count;
+	report->depth_limited_leaves = build->cut.limited_count;
 	report->vertices = superblock->vertex_count;
 	report->bytes = superblock->file_bytes;
 	report->hs_bytes = superblock->hs.stored_bytes;
@@ -413,8 +420,11 @@ static int finish(struct build *build, struct why *why)
 
 static int run_phases(struct build *build, struct why *why)
 {
-	int r = import_all(build, why);
+	/* First of all, so that who may not write there hears it at once. */
+	int r = store_writer_create(build->options->output, &build->writer, why);
 
+	if (r == 0)
+		r = import_all(build, why);
 	if (r == 0)
 		r = choose_grid(build, why);
 	if (r == 0)

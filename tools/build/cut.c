@@ -103,24 +103,20 @@ static int on_leaf(void *arg, const struct octree_leaf *from, struct why *why)
 
 /* ---- writing ---- */
 
-/* Gives the bucket's payloads their ids, in Morton order.  Encoding needs them. */
-static int give_ids(struct cutter *cutter, uint64_t ticket, uint64_t *ret_first)
+/* Gives the payloads their ids, when it is their turn.  Encoding needs them. */
+static uint64_t give_ids(struct cutter *cutter)
 {
 	struct cut *cut = cutter->cut;
-	int r = turnstile_enter(&cut->numbering, ticket, cut->crew);
+	uint64_t first_id = cut->id_next;
 
-	if (r < 0)
-		return r;
-	*ret_first = cut->id_next;
 	cut->id_next += cutter->pending_count;
-	turnstile_leave(&cut->numbering);
 	for (size_t i = 0; i < cutter->pending_count; i++) {
 		struct payload_header *header =
 			(struct payload_header *)(void *)(cutter->bytes + cutter->pending[i].at);
 
-		header->payload_id = *ret_first + i;
+		header->payload_id = first_id + i;
 	}
-	return 0;
+	return first_id;
 }
 
 static int encode(struct cutter *cutter, struct why *why)
@@ -172,16 +168,15 @@ static int leaves_reserve(struct cut *cut, size_t more)
 	return r;
 }
 
-static int write_all(struct cutter *cutter, uint64_t ticket, uint64_t first_id, struct why *why)
+/* Writes the payloads, when it is their turn. */
+static int write_all(struct cutter *cutter, uint64_t first_id, struct why *why)
 {
 	struct cut *cut = cutter->cut;
-	int r = turnstile_enter(&cut->writing, ticket, cut->crew);
+	int r = 0;
 
-	if (r < 0)
-		return r;
 	if (leaves_reserve(cut, cutter->pending_count) < 0)
-		r = why_set(why, -ENOMEM, "no memory for the records of %llu leaves",
-			    (unsigned long long)cut->leaf_count);
+		return why_set(why, -ENOMEM, "no memory for the records of %llu leaves",
+			       (unsigned long long)cut->leaf_count);
 	for (size_t i = 0; i < cutter->pending_count && r == 0; i++) {
 		struct leaf *leaf = &cut->leaves[cut->leaf_count];
 
@@ -192,11 +187,17 @@ static int write_all(struct cutter *cutter, uint64_t ticket, uint64_t first_id, 
 		if (r == 0)
 			cut->leaf_count++;
 	}
-	/* Who failed stops the crew before the next one finds it is due. */
+	cutter->pending_count = 0;
+	cutter->byte_count = 0;
+	return r;
+}
+
+/* Ends a turn.  Who failed stops the crew before the next one finds that it is due. */
+static void leave(struct cut *cut, struct turnstile *turnstile, int r)
+{
 	if (r < 0)
 		crew_stop(cut->crew);
-	turnstile_leave(&cut->writing);
-	return r;
+	turnstile_leave(turnstile);
 }
 
 /* ---- buckets ---- */
@@ -237,33 +238,69 @@ static int load(struct cutter *cutter, uint32_t bucket, uint64_t begin, uint32_t
 	return r;
 }
 
+static uint64_t triangles_in(const struct borders *borders, uint32_t bucket)
+{
+	return exchange_bytes(borders->triangles, bucket) /
+	       (borders->shape->words * sizeof(uint32_t));
+}
+
 static int cut_bucket(struct cutter *cutter, uint32_t bucket, struct why *why)
 {
 	struct cut *cut = cutter->cut;
-	const struct borders *borders = cut->borders;
-	uint64_t triangle_count = exchange_bytes(borders->triangles, bucket) /
-				  (borders->shape->words * sizeof(uint32_t));
-	bool whole = borders->buckets->buckets[bucket].whole;
-	uint64_t slice = whole ? borders->buckets->bucket_triangles : triangle_count;
 	uint64_t first_id = 0;
-	uint32_t pieces = 0;
-	int r = 0;
+	int r = load(cutter, bucket, 0, (uint32_t)triangles_in(cut->borders, bucket), why);
 
-	cutter->pending_count = 0;
-	cutter->byte_count = 0;
+	if (r == 0)
+		r = octree_cut(&cutter->octree, bucket, why);
+	if (r == 0)
+		r = turnstile_enter(&cut->numbering, bucket, cut->crew);
+	if (r < 0)
+		return r;
+	first_id = give_ids(cutter);
+	leave(cut, &cut->numbering, 0);
+	r = encode(cutter, why);
+	if (r == 0)
+		r = turnstile_enter(&cut->writing, bucket, cut->crew);
+	if (r < 0)
+		return r;
+	r = write_all(cutter, first_id, why);
+	leave(cut, &cut->writing, r);
+	return r;
+}
+
+/* A bucket that does not fit in memory: slice by slice, while all behind it wait. */
+static int cut_whole_bucket(struct cutter *cutter, uint32_t bucket, struct why *why)
+{
+	struct cut *cut = cutter->cut;
+	uint64_t triangle_count = triangles_in(cut->borders, bucket);
+	uint64_t slice = cut->patch_triangles;
+	uint32_t pieces = 0;
+	int r = turnstile_enter(&cut->numbering, bucket, cut->crew);
+
+	if (r < 0)
+		return r;
+	r = turnstile_enter(&cut->writing, bucket, cut->crew);
+	if (r < 0) {
+		leave(cut, &cut->numbering, r);
+		return r;
+	}
 	for (uint64_t begin = 0; begin < triangle_count && r == 0; begin += slice) {
 		r = load(cutter, bucket, begin, (uint32_t)u64_min(triangle_count - begin, slice),
 			 why);
 		if (r == 0)
-			r = whole ? octree_chop(&cutter->octree, bucket, &pieces, why)
-				  : octree_cut(&cutter->octree, bucket, why);
+			r = octree_chop(&cutter->octree, bucket, &pieces, why);
+		if (r == 0) {
+			uint64_t first_id = give_ids(cutter);
+
+			r = encode(cutter, why);
+			if (r == 0)
+				r = write_all(cutter, first_id, why);
+		}
+		if (r == 0 && crew_stopped(cut->crew))
+			r = -ECANCELED;
 	}
-	if (r == 0)
-		r = give_ids(cutter, bucket, &first_id);
-	if (r == 0)
-		r = encode(cutter, why);
-	if (r == 0)
-		r = write_all(cutter, bucket, first_id, why);
+	leave(cut, &cut->writing, r);
+	leave(cut, &cut->numbering, r);
 	return r;
 }
 
@@ -297,6 +334,7 @@ static int cut_work(void *arg, uint32_t worker, struct why *why)
 		.patch = &cutter.patch,
 		.labels = cut->labels,
 		.mode = borders->mode,
+		.layout = borders->buckets->layout,
 	};
 	if (cut->codec != STORE_CODEC_NONE)
 		r = codec_scratch_create(&cutter.codec);
@@ -307,13 +345,14 @@ static int cut_work(void *arg, uint32_t worker, struct why *why)
 
 		if (bucket >= borders->buckets->bucket_count)
 			break;
-		r = cut_bucket(&cutter, bucket, why);
+		r = borders->buckets->buckets[bucket].whole ? cut_whole_bucket(&cutter, bucket, why)
+							    : cut_bucket(&cutter, bucket, why);
 		progress_add_done(cut->progress, borders->buckets->buckets[bucket].triangle_count);
 		progress_add_triangles(cut->progress,
 				       borders->buckets->buckets[bucket].triangle_count);
 	}
 	(void)pthread_mutex_lock(&cut->crew->lock);
-	cut->chopped_count += cutter.octree.chopped_count;
+	cut->limited_count += cutter.octree.limited_count;
 	(void)pthread_mutex_unlock(&cut->crew->lock);
 	cutter.codec = codec_scratch_destroy(cutter.codec);
 	leaf_maker_done(&cutter.maker);

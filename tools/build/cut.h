@@ -38,7 +38,7 @@ struct cut {
 	struct leaf *leaves;
 	uint64_t leaf_count;
 	uint64_t leaf_max;
-	uint64_t chopped_count;
+	uint64_t limited_count;
 	uint64_t id_next;
 	struct turnstile numbering;
 	struct turnstile writing;

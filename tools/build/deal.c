@@ -362,19 +362,12 @@ static int deliver(struct dealer *dealer, const double corners[9], uint32_t reco
 	uint32_t count = 1;
 	uint32_t primary;
 	uint32_t cell[3];
-	bool found = false;
 
 	grid_centre_cell(deal->grid, corners, cell);
 	primary = buckets_find(deal->buckets, cell);
 	dealer->touched[0] = primary;
-	if (deal->buckets->layout == STORE_LAYOUT_REPLICATE) {
+	if (deal->buckets->layout == STORE_LAYOUT_REPLICATE)
 		count = buckets_touched(deal->buckets, corners, dealer->touched);
-		for (uint32_t i = 0; i < count; i++)
-			found = found || dealer->touched[i] == primary;
-		/* Rounding may put the centre of a float triangle a hair outside of it. */
-		if (!found)
-			dealer->touched[count++] = primary;
-	}
 	CHECK(count <= deal->buckets->bucket_count);
 	for (uint32_t i = 0; i < count; i++) {
 		uint32_t bucket = dealer->touched[i];

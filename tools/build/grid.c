@@ -51,8 +51,7 @@ static int choose_lattice(struct grid *grid, const double box_min[3], const doub
 	for (unsigned i = 0; i < 3; i++)
 		grid->root_min[i] = -grid->root_size / 2;
 	grid->cell_inverse = ldexp(1.0, (int)STORE_LEVEL_MAX - (int)grid->root_bits);
-	grid->level_max =
-		grid->root_bits < STORE_LEVEL_MAX ? grid->root_bits : (uint32_t)STORE_LEVEL_MAX;
+	grid->level_max = grid->root_bits < GRID_LEVEL_MAX ? grid->root_bits : GRID_LEVEL_MAX;
 	return 0;
 }
 
@@ -66,7 +65,7 @@ static void choose_exact(struct grid *grid, const double box_min[3], const doubl
 
 	grid->form = doubles ? GRID_DOUBLE : GRID_FLOAT;
 	grid->step_exponent = STORE_STEP_NONE;
-	grid->level_max = STORE_LEVEL_MAX;
+	grid->level_max = GRID_LEVEL_MAX;
 	for (unsigned i = 0; i < 3; i++)
 		extent = fmax(extent, box_max[i] - box_min[i]);
 	(void)frexp(fmax(extent, 0x1p-100), &exponent);

@@ -37,6 +37,12 @@ enum grid_form {
  * node's positions from the node's middle, is then exact in a float's or a double's 24 and 53 bits.
  */
 #define GRID_BITS_MAX 24u
+/**
+ * Cells are cut down to this level.  The levels below it name the pieces of a cell that has too many
+ * triangles even there (octree.h): 8^5 of them.
+ */
+#define GRID_PIECE_LEVELS 5u
+#define GRID_LEVEL_MAX    (STORE_LEVEL_MAX - GRID_PIECE_LEVELS)
 
 struct grid {
 	enum grid_form form;
@@ -49,7 +55,7 @@ struct grid {
 	double root_size;    /* model units */
 	double cell_inverse; /* cells of STORE_LEVEL_MAX a model unit */
 	uint32_t root_bits;  /* LATTICE: the root's edge is 2^root_bits steps */
-	uint32_t level_max;  /* cells below it have no lattice point of their own */
+	uint32_t level_max;  /* cells are not cut below it */
 };
 
 /** Words of 32 bits that a position takes: 3, or 6 for doubles. */

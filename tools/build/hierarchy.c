@@ -44,12 +44,6 @@ static uint32_t octant_at(const struct store_node *leaf, uint32_t level)
 	       (leaf->cell[2] >> shift & 1) << 2;
 }
 
-static bool same_cell(const struct store_node *a, const struct store_node *b)
-{
-	return a->level == b->level && a->cell[0] == b->cell[0] && a->cell[1] == b->cell[1] &&
-	       a->cell[2] == b->cell[2];
-}
-
 static int add_node(struct maker *maker, uint64_t begin, uint64_t end, uint32_t *ret)
 {
 	if (maker->node_count == maker->node_max) {
@@ -111,30 +105,12 @@ static int add_child(struct maker *maker, uint32_t parent, uint64_t begin, uint6
 	return 0;
 }
 
-/* Children of a node whose leaves are pieces of one cell: eight shares, as even as can be. */
-static int add_pieces(struct maker *maker, uint32_t parent, struct span span)
-{
-	uint64_t count = span.end - span.begin;
-	uint64_t shares = u64_min(count, 8);
-
-	for (uint64_t i = 0; i < shares; i++) {
-		int r = add_child(maker, parent, span.begin + count * i / shares,
-				  span.begin + count * (i + 1) / shares);
-
-		if (r < 0)
-			return r;
-	}
-	return 0;
-}
-
 static int add_children(struct maker *maker, uint32_t index)
 {
 	struct span span = maker->spans[index];
 	uint32_t level = maker->nodes[index].level;
 	uint64_t begin = span.begin;
 
-	if (same_cell(&maker->nodes[index], &maker->leaves[begin].record))
-		return add_pieces(maker, index, span);
 	while (begin < span.end) {
 		uint32_t octant = octant_at(&maker->leaves[begin].record, level);
 		uint64_t end = begin + 1;

@@ -3,8 +3,7 @@
  * hierarchy.h - the HS: leaves, and all cells above them that have more than one child.
  *
  * Leaves come in Morton order; the nodes above them follow from their cells.  A cell with a single
- * child is left out: its child stands in its place, except for the root.  Pieces of a chopped cell
- * hang, eight at a time, on nodes that have that cell as well.
+ * child is left out: its child stands in its place, except for the root.
  *
  * Threads: none of its own.
  */

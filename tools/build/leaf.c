@@ -483,6 +483,13 @@ static void measure_extent(const struct leaf_maker *maker, uint32_t vertex_count
 		grid_to_model(maker->grid, sqrt(radius_squared)) * (1 + 0x1p-40) + slack + margin);
 }
 
+/* Only one of several replicas counts: the one whose leaf holds the centre. */
+static bool is_primary(const struct leaf_maker *maker, uint32_t triangle)
+{
+	return maker->layout == STORE_LAYOUT_UNIQUE ||
+	       maker->patch->codes[triangle] - maker->cell_begin < maker->cell_length;
+}
+
 /* Triangles of the leaf with the same three points as an earlier one. */
 static uint64_t count_duplicates(struct leaf_maker *maker, uint32_t triangle_count)
 {
@@ -503,8 +510,7 @@ static uint64_t count_duplicates(struct leaf_maker *maker, uint32_t triangle_cou
 				(middle * UINT64_C(0xc2b2ae3d27d4eb4f));
 		uint32_t slot = (uint32_t)(hash >> 40) & (slot_count - 1);
 
-		/* Only one of several replicas counts. */
-		if (!patch->primary[maker->order[i]])
+		if (!is_primary(maker, maker->order[i]))
 			continue;
 		for (; slots[slot] != NONE; slot = (slot + 1) & (slot_count - 1)) {
 			const uint32_t *other = patch->points + (size_t)slots[slot] * 3;
@@ -533,7 +539,7 @@ static void count_parts(struct leaf_maker *maker, uint32_t triangle_count, uint3
 		uint64_t count = 0;
 
 		for (uint32_t i = maker->runs[run].first_triangle; i < end; i++)
-			count += maker->patch->primary[maker->order[i]];
+			count += is_primary(maker, maker->order[i]);
 		labels_count(maker->labels, maker->runs[run].part, count);
 		ret->primary_count += count;
 	}
@@ -549,10 +555,12 @@ int leaf_make(struct leaf_maker *maker, const struct octree_leaf *from,
 	uint32_t run_count;
 
 	CHECK(triangle_count > 0);
-	*ret = (struct leaf){ .piece = from->piece };
+	*ret = (struct leaf){ 0 };
 	if (maker_reserve(maker, triangle_count) < 0)
 		return why_set(why, -ENOMEM, "no memory for a leaf of %u triangles",
 			       triangle_count);
+	maker->cell_begin = grid_morton(from->cell) << 3 * (STORE_LEVEL_MAX - from->level);
+	maker->cell_length = UINT64_C(1) << 3 * (STORE_LEVEL_MAX - from->level);
 	run_count = make_runs(maker, from);
 	content.vertex_count = make_indices(maker, triangle_count, run_count);
 	content.run_count = run_count;

@@ -26,12 +26,11 @@ extern const double leaf_directions[STORE_SOLIDITY_DIRECTIONS][3];
 /** What is known of a leaf beside its record, for the nodes above it. */
 struct leaf {
 	struct store_node record;                    /* without links, ids and extent */
-	uint32_t piece;                              /* of a chopped cell; else 0 */
 	double normal_sum[3];                        /* of normal x area */
 	double projected[STORE_SOLIDITY_DIRECTIONS]; /* area seen along each direction */
 	double area;
 	uint64_t duplicate_count;
-	uint64_t primary_count; /* triangles whose centre is in the bucket */
+	uint64_t primary_count; /* triangles that are no replicas: their centre is in the cell */
 	double moved_max;       /* by rounding to floats, model units */
 	bool small;             /* positions take 16 bits */
 };
@@ -42,7 +41,12 @@ struct leaf_maker {
 	const struct patch *patch;
 	struct labels *labels; /* its counts go up */
 	enum normals_mode mode;
+	enum store_layout layout;
 	uint32_t triangle_max; /* room in the arrays */
+
+	/* Of the leaf in hand: centres in its cell have codes from `begin`, so many. */
+	uint64_t cell_begin;
+	uint64_t cell_length;
 
 	uint64_t *keys; /* part and number, for sorting */
 	uint64_t *keys_sorted;

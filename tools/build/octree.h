@@ -4,10 +4,13 @@
  *
  * A cell is cut as long as it has more triangles or vertices than a leaf may have.  Each triangle
  * goes to the child that holds its centre (unique), or to every child that it touches (replicate).
- * Two things end it earlier, and both are counted: the deepest level, and, where triangles are
- * replicated, a cell whose triangles are so large that cutting would only multiply them
- * (BUCKETS_SPREAD_MAX).  Such a cell is *chopped*: its triangles are shared out among several leaves
- * that all have that cell.
+ * Two things end it earlier, and both are counted:
+ *
+ *	- GRID_LEVEL_MAX.  The cell is *chopped*: its triangles are shared out among leaves whose cells
+ *	  lie GRID_PIECE_LEVELS below it, one after the other on the Morton curve.  Those cells say
+ *	  nothing of where the triangles are; the tight boxes do.
+ *	- Where triangles are replicated, children that would multiply them (BUCKETS_SPREAD_MAX): they
+ *	  are too large for cutting to separate them.  The cell is then one leaf, above the limit.
  *
  * Threads: one an octree.
  * Source: Correa, Klosowski & Silva 2002, "iWalk", sec. 3; there leaves have a limit of vertices
@@ -26,7 +29,6 @@
 struct octree_leaf {
 	uint32_t level;
 	uint32_t cell[3];
-	uint32_t piece; /* of a chopped cell: 1, 2, ...; else 0 */
 	const uint32_t *triangles;
 	uint32_t triangle_count;
 };
@@ -41,13 +43,19 @@ struct octree {
 	uint32_t leaf_vertices; /* UINT32_MAX: no limit */
 	octree_leaf_fn leaf;
 	void *arg;
-	uint64_t chopped_count; /* leaves that are pieces of a cell */
+	uint64_t limited_count; /* leaves of cells that could not be cut */
 
 	uint32_t *lists; /* triangle numbers: a stack of lists, one for each level */
 	size_t list_max;
 	uint32_t *seen; /* per vertex: the last cell that counted it */
 	uint32_t seen_max;
 	uint32_t cell_number;
+	uint8_t *octants; /* per triangle of the cell in hand */
+	uint32_t octant_max;
+	uint32_t *starts; /* per cell of a bucket */
+	uint32_t *touched;
+	uint64_t *begins;
+	uint32_t start_max;
 };
 
 void octree_done(struct octree *octree);

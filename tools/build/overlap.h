@@ -21,4 +21,13 @@ void overlap_cell_box(const struct grid *grid, uint32_t level, const uint32_t ce
 bool overlap_touches(const struct grid *grid, const double corners[9], const double cell_min[3],
 		     double cell_size);
 
+/**
+ * Which of a cell's eight children does a triangle touch that touches the cell?
+ *
+ * Returns: bit i for octant i (bit 0 of i is x, 1 y, 2 z).  Most triangles are in one child, and cost
+ * nothing but that finding.
+ */
+uint32_t overlap_octants(const struct grid *grid, const double corners[9], uint32_t level,
+			 const uint32_t cell[3]);
+
 #endif /* TOOLS_BUILD_OVERLAP_H */
