@@ -17,3 +17,9 @@ oocd_test(test_daemon_faults integration SOURCES integration/test_daemon_faults.
 oocd_test(test_daemon_program integration SOURCES integration/test_daemon_program.c
 	LINK oocd_daemon_kit)
 add_dependencies(test_daemon_program oocd)
+
+oocd_test(test_torn stress SOURCES stress/test_torn.c LINK oocd_daemon_kit)
+
+oocd_test(test_daemon_calls fault SOURCES fault/test_daemon_calls.c LINK oocd_core oocd_test_helper)
+target_link_options(test_daemon_calls PRIVATE
+	-Wl,--wrap=calloc,--wrap=memfd_create,--wrap=fallocate64,--wrap=mmap64,--wrap=fchmod)

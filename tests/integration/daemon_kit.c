@@ -240,6 +240,12 @@ const void *kit_receive(struct kit_client *client, uint16_t type)
 	return client->message;
 }
 
+void kit_receive_any(struct kit_client *client)
+{
+	if (receive_one(client, KIT_TIMEOUT_MS) <= 0)
+		fail_msg("the daemon is away");
+}
+
 struct kit_client *kit_hello(const struct kit_daemon *daemon)
 {
 	struct kit_client *client = kit_connect(daemon);
@@ -344,17 +350,23 @@ void kit_settle(struct kit_client *client)
 		kit_receive(client, WIRE_EVENT);
 }
 
+const uint8_t *kit_map_ungranted(const struct kit_store *store, uint32_t node)
+{
+	uint64_t word = atomic_load_explicit(&store->directory->words[node], memory_order_acquire);
+	const uint8_t *segment;
+
+	if (wire_word_state(word) != WIRE_NODE_READY)
+		return NULL;
+	segment = store->segments[wire_word_segment(word)];
+	return segment ? segment + (size_t)wire_word_page(word) * WIRE_PAGE_BYTES : NULL;
+}
+
 const uint8_t *kit_map(const struct kit_store *store, uint32_t node)
 {
 	uint64_t grants =
 		atomic_load_explicit(&store->grants->words[node / 64], memory_order_acquire);
-	uint64_t word = atomic_load_explicit(&store->directory->words[node], memory_order_acquire);
-	const uint8_t *segment;
 
-	if (!(grants >> (node % 64) & 1) || wire_word_state(word) != WIRE_NODE_READY)
-		return NULL;
-	segment = store->segments[wire_word_segment(word)];
-	return segment ? segment + (size_t)wire_word_page(word) * WIRE_PAGE_BYTES : NULL;
+	return grants >> (node % 64) & 1 ? kit_map_ungranted(store, node) : NULL;
 }
 
 bool kit_is_whole(const struct kit_store *store, uint32_t node)

@@ -86,6 +86,9 @@ void kit_send(struct kit_client *client, const void *message, size_t bytes, int 
  */
 const void *kit_receive(struct kit_client *client, uint16_t type);
 
+/** Receives one message, of whatever type, with the same care. */
+void kit_receive_any(struct kit_client *client);
+
 /** Sends OPEN.  fd: closed by the caller. */
 void kit_send_open(struct kit_client *client, uint32_t slot, int fd);
 /** Opens a store. */
@@ -104,6 +107,8 @@ void kit_settle(struct kit_client *client);
 
 /** The rule of drawing: acknowledged (the caller's business), granted, READY, its segment known. */
 const uint8_t *kit_map(const struct kit_store *store, uint32_t node);
+/** What a client would draw that trusts READY and asks for no grant. */
+const uint8_t *kit_map_ungranted(const struct kit_store *store, uint32_t node);
 /** Checks a mapped payload whole.  Returns: is it the node's? */
 bool kit_is_whole(const struct kit_store *store, uint32_t node);
 /** Nodes with payload that are drawable and whole; one that is drawable and not whole fails. */
