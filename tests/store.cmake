@@ -45,9 +45,12 @@ oocd_fuzz(fuzz_payload LINK oocd_store)
 oocd_fuzz(fuzz_codec LINK oocd_store)
 oocd_test(test_golden_store golden SOURCES golden/test_golden_store.c LINK oocd_test_helper)
 
-oocd_test(test_oocctl integration SOURCES integration/test_oocctl.c
+oocd_test(test_oocctl integration SOURCES integration/test_oocctl.c integration/triangles.c
 	LINK oocd_test_helper PkgConfig::JANSSON)
 add_dependencies(test_oocctl oocctl)
 oocd_test(test_oocctl_daemon integration SOURCES integration/test_oocctl_daemon.c
 	LINK oocd_daemon_kit PkgConfig::JANSSON)
 add_dependencies(test_oocctl_daemon oocctl)
+oocd_test(test_export integration SOURCES integration/test_export.c integration/triangles.c
+	LINK oocd_test_helper m TIMEOUT 120)
+add_dependencies(test_export oocctl oocbuild oocgen)
