@@ -178,7 +178,7 @@ static void lay_out(struct hud *hud, const struct hud_block *block, int width, i
 		    int magnify)
 {
 	const int margin = 4 * magnify;
-	struct hud_cell panel = { .glyph = GLYPH_PANEL, .colour = { 16, 18, 22, 176 } };
+	struct hud_cell panel = { .glyph = GLYPH_PANEL, .colour = { 16, 18, 22, 196 } };
 	int columns;
 	int rows;
 

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 
 #include <epoxy/gl.h>
 
@@ -42,6 +43,7 @@ struct window {
 	struct frame_style style;
 	struct camera camera;
 	struct gesture gesture;
+	double cursor[2]; /* pixels of the picture, from the upper left */
 	uint64_t now_ns;
 
 	bool must_draw; /* the picture would differ from the one shown */
@@ -82,16 +84,15 @@ static double aspect_of(const struct window *window)
 
 /* ---- what lies under the cursor ---- */
 
-/* From the window system's coordinates to pixels of the picture. */
-static void cursor_pixel(const struct window *window, double ret[2])
+/* Takes a place in the window system's coordinates; events tell where the cursor was, not where it is. */
+static void set_cursor(struct window *window, double x, double y)
 {
 	int width = 1;
 	int height = 1;
 
-	glfwGetCursorPos(window->handle, &ret[0], &ret[1]);
 	glfwGetWindowSize(window->handle, &width, &height);
-	ret[0] *= (double)window->target.width / (width > 0 ? width : 1);
-	ret[1] *= (double)window->target.height / (height > 0 ? height : 1);
+	window->cursor[0] = x * window->target.width / (width > 0 ? width : 1);
+	window->cursor[1] = y * window->target.height / (height > 0 ? height : 1);
 }
 
 /* Distance along the view of what a pixel shows; where it shows nothing, of the scene's middle. */
@@ -114,19 +115,21 @@ static double distance_at(const struct window *window, const double pixel[2])
 	return distance > 0.0 ? distance : camera_control_distance(&window->camera);
 }
 
-static void point_under_cursor(const struct window *window, const double pixel[2], double ret[3])
+static void point_under_cursor(const struct window *window, double ret[3])
 {
-	camera_control_point(
-		&window->camera, aspect_of(window), 2.0 * pixel[0] / window->target.width - 1.0,
-		1.0 - 2.0 * pixel[1] / window->target.height, distance_at(window, pixel), ret);
+	double x = 2.0 * window->cursor[0] / window->target.width - 1.0;
+	double y = 1.0 - 2.0 * window->cursor[1] / window->target.height;
+
+	camera_control_point(&window->camera, aspect_of(window), x, y,
+			     distance_at(window, window->cursor), ret);
 }
 
-static void pick(struct window *window, const double pixel[2])
+static void pick(struct window *window)
 {
 	struct scene *scene = &window->show->scene;
 	struct why why = { "" };
 	uint64_t item = frame_pick(window->show->frame, &window->target, CHANNEL_PART,
-				   (int)pixel[0], (int)pixel[1]);
+				   (int)window->cursor[0], (int)window->cursor[1]);
 	uint32_t store = (uint32_t)(item >> 32);
 	char line[WINDOW_TEXT_MESSAGE_BYTES];
 
@@ -204,6 +207,19 @@ static void paste_camera(struct window *window)
 	}
 }
 
+/* A name in the current folder that is not taken: of the time, and a number within a second. */
+static void name_screenshot(char *path, size_t path_bytes)
+{
+	char stamp[32];
+	time_t now = time(NULL);
+	struct tm local;
+
+	(void)strftime(stamp, sizeof(stamp), "%Y%m%d-%H%M%S", localtime_r(&now, &local));
+	(void)snprintf(path, path_bytes, "oocview-%s.png", stamp);
+	for (int i = 2; access(path, F_OK) == 0; i++)
+		(void)snprintf(path, path_bytes, "oocview-%s-%d.png", stamp, i);
+}
+
 static void take_screenshot(struct window *window)
 {
 	const struct options *options = window->show->options;
@@ -211,12 +227,10 @@ static void take_screenshot(struct window *window)
 	struct frame_report report;
 	struct why why = { "" };
 	char path[64];
-	time_t now = time(NULL);
-	struct tm local;
 
 	if (options->has_size)
 		size = options->size;
-	(void)strftime(path, sizeof(path), "oocview-%Y%m%d-%H%M%S.png", localtime_r(&now, &local));
+	name_screenshot(path, sizeof(path));
 	if (picture_take(&window->show->picture, window->show->frame, &window->show->scene,
 			 &window->camera, &window->style, size, options->is_settled, path, &report,
 			 &why) < 0)
@@ -362,28 +376,23 @@ static enum gesture_drag drag_of(int button, int modifiers)
 static void on_button(GLFWwindow *handle, int button, int action, int modifiers)
 {
 	struct window *window = window_of(handle);
-	double pixel[2];
 	double point[3];
 
-	cursor_pixel(window, pixel);
 	if (action == GLFW_PRESS) {
-		point_under_cursor(window, pixel, point);
-		gesture_press(&window->gesture, drag_of(button, modifiers), pixel[0], pixel[1],
-			      point);
+		point_under_cursor(window, point);
+		gesture_press(&window->gesture, drag_of(button, modifiers), window->cursor[0],
+			      window->cursor[1], point);
 	} else if (gesture_release(&window->gesture) && button == GLFW_MOUSE_BUTTON_LEFT) {
-		pick(window, pixel);
+		pick(window);
 	}
 }
 
 static void on_cursor(GLFWwindow *handle, double x, double y)
 {
 	struct window *window = window_of(handle);
-	double pixel[2];
 
-	(void)x;
-	(void)y;
-	cursor_pixel(window, pixel);
-	if (gesture_move(&window->gesture, &window->camera, pixel[0], pixel[1],
+	set_cursor(window, x, y);
+	if (gesture_move(&window->gesture, &window->camera, window->cursor[0], window->cursor[1],
 			 window->target.height))
 		window->must_draw = true;
 }
@@ -391,12 +400,10 @@ static void on_cursor(GLFWwindow *handle, double x, double y)
 static void on_wheel(GLFWwindow *handle, double right, double away)
 {
 	struct window *window = window_of(handle);
-	double pixel[2];
 	double point[3];
 
 	(void)right;
-	cursor_pixel(window, pixel);
-	point_under_cursor(window, pixel, point);
+	point_under_cursor(window, point);
 	gesture_wheel(&window->camera, point, away);
 	window->must_draw = true;
 }
@@ -468,7 +475,7 @@ static void add_texts(struct window *window)
 	const struct scene *scene = &window->show->scene;
 	char text[WINDOW_TEXT_BYTES];
 
-	if (!window->hides_hud) {
+	if (!window->hides_hud && !window->shows_help) {
 		const struct window_text_facts facts = {
 			.scene = scene,
 			.style = &window->style,
@@ -622,6 +629,8 @@ static int begin(struct window *window)
 	double box_min[3];
 	double box_max[3];
 	double size2 = 0.0;
+	double x;
+	double y;
 	int r;
 
 	window->handle = surface_window(show->surface);
@@ -641,6 +650,8 @@ static int begin(struct window *window)
 	}
 	window->gesture.scene_size = sqrt(size2);
 	show_first_camera(show, aspect_of(window), &window->camera);
+	glfwGetCursorPos(window->handle, &x, &y);
+	set_cursor(window, x, y);
 	window->is_playing = show->options->has_path;
 	window->must_draw = true;
 	glfwSetWindowUserPointer(window->handle, window);
