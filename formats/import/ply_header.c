@@ -113,11 +113,12 @@ static int take_format(struct ply_header *header, const struct header_line *line
 static int take_element(struct ply_header *header, const struct header_line *line,
 			const struct source *source, struct why *why)
 {
-	struct ply_element *element = &header->elements[header->element_count];
+	struct ply_element *element;
 	int r;
 
 	if (header->element_count == PLY_ELEMENTS_MAX)
 		return header_fault(source, why, "more than 32 elements");
+	element = &header->elements[header->element_count];
 	if (line->word_count != 3 || text_to_u64(line->words[2], &element->count) < 0)
 		return header_fault(source, why, "\"element NAME COUNT\" is wanted");
 	r = take_name(element->name, line->words[1], source, why);
@@ -133,12 +134,13 @@ static int take_element(struct ply_header *header, const struct header_line *lin
 static int take_property(struct ply_header *header, const struct header_line *line,
 			 const struct source *source, struct why *why)
 {
-	struct ply_element *element = &header->elements[header->element_count - 1];
+	struct ply_element *element;
 	struct ply_property *property;
 	unsigned words_wanted = 3;
 
 	if (header->element_count == 0)
 		return header_fault(source, why, "a property without an element");
+	element = &header->elements[header->element_count - 1];
 	if (element->property_count == PLY_PROPERTIES_MAX)
 		return header_fault(source, why, "more than 128 properties");
 	property = &element->properties[element->property_count];

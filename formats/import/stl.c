@@ -186,8 +186,8 @@ static int take_solid(struct stl *stl, struct why *why)
 {
 	struct import_part part = { .colour = IMPORT_COLOUR_DEFAULT };
 	char name[NAME_BYTES];
-	const char *line;
-	size_t length;
+	const char *line = "";
+	size_t length = 0;
 	int r = source_line(stl->source, &line, &length, why);
 
 	if (r < 0)
