@@ -10,32 +10,38 @@
 /* Classes above are as good as infinite: the largest model is 2^60 times the median. */
 #define CLASS_MAX 60
 
-struct rack_scale rack_scale(double unit)
+struct rack_scale rack_scale(double unit, unsigned class)
 {
+	double large = ldexp(unit, (int)class);
+	/* People do not grow with what they store: ways do by the root. */
+	double way = unit * sqrt(ldexp(1, (int)class));
+	double height = sqrt(large * way);
 	struct rack_scale scale = {
-		.bay_width = 6 * unit,
-		.bay_depth = 2.4 * unit,
-		.height = 12 * unit,
-		.board = 0.12 * unit,
-		.gap = 0.12 * unit,
-		.aisle = 7 * unit,
-		.wall = 0.6 * unit,
-		.room_height = 15 * unit,
-		.corridor = 4.5 * unit,
+		.row_count = class < 2 ? RACK_ROWS_MAX : 1,
+		.row_bays = class < 2 ? RACK_ROW_BAYS_MAX >> class : 1,
+		.bay_width = 6 * large,
+		.bay_depth = 2.4 * large,
+		.height = 12 * height,
+		.board = 0.12 * way,
+		.gap = 0.12 * way,
+		.aisle = 6 * way,
+		.wall = 0.6 * way,
+		.room_height = 14 * height,
+		.corridor = 4.5 * way,
 	};
 
-	scale.room_width = 2 * scale.wall + RACK_ROWS * (2 * scale.bay_depth + scale.board) +
-			   (RACK_ROWS + 1) * scale.aisle;
+	scale.room_width = 2 * scale.wall + scale.row_count * (2 * scale.bay_depth + scale.board) +
+			   (scale.row_count + 1) * scale.aisle;
 	scale.room_depth = 2 * scale.wall + 2 * scale.aisle +
-			   RACK_ROW_BAYS * (scale.bay_width + scale.board) + scale.board;
+			   scale.row_bays * (scale.bay_width + scale.board) + scale.board;
 	return scale;
 }
 
 struct rack_bay_corner rack_bay_corner(const struct rack_scale *scale, unsigned bay)
 {
-	unsigned along = bay % RACK_ROW_BAYS;
-	unsigned side = bay / RACK_ROW_BAYS % 2;
-	unsigned row = bay / RACK_ROW_BAYS / 2;
+	unsigned along = bay % scale->row_bays;
+	unsigned side = bay / scale->row_bays % 2;
+	unsigned row = bay / scale->row_bays / 2;
 	double row_x = scale->wall + scale->aisle +
 		       row * (2 * scale->bay_depth + scale->board + scale->aisle);
 
@@ -89,7 +95,7 @@ static unsigned item_class(const struct rack_item *item, double unit)
 	unsigned class = 0;
 
 	for (; class < CLASS_MAX; class ++) {
-		const struct rack_scale scale = rack_scale(ldexp(unit, (int)class));
+		const struct rack_scale scale = rack_scale(unit, class);
 
 		if (item->size.y <= scale.bay_width - 2 * scale.gap &&
 		    item->size.x <= scale.bay_depth - 2 * scale.gap &&
@@ -149,7 +155,7 @@ static int add_room(struct cursor *cursor)
 		layout->rooms = rooms;
 		cursor->room_capacity = capacity;
 	}
-	cursor->scale = rack_scale(ldexp(cursor->unit, (int)cursor->class));
+	cursor->scale = rack_scale(cursor->unit, cursor->class);
 	layout->rooms[layout->room_count++] = (struct rack_room){ .scale = cursor->scale };
 	return 0;
 }
@@ -171,7 +177,8 @@ static int next_bay(struct cursor *cursor)
 {
 	int r = 0;
 
-	if (cursor->in_room && cursor->bay + 1 < RACK_ROOM_BAYS) {
+	if (cursor->in_room &&
+	    cursor->bay + 1 < 2 * cursor->scale.row_count * cursor->scale.row_bays) {
 		open_bay(cursor, cursor->bay + 1);
 	} else {
 		r = add_room(cursor);

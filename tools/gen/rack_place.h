@@ -3,8 +3,8 @@
  * rack_place.h - which model lies where in a store of shelves.
  *
  * All sizes are multiples of one: the median of the models' larger sides as they lie, which is
- * about what a hand would hold.  Models that are too large for the shelves of that scale go to
- * rooms of twice, four times, ... the scale: a class is such a power of two.  Within a class they
+ * about what a hand would hold.  Models that are too large for such shelves go to rooms with shelves
+ * of twice, four times, ... the size: a class is such a power of two.  Within a class they
  * are sorted by height, so that a board carries what is about equally high; from the same height on
  * they keep their order.
  *
@@ -22,14 +22,16 @@
 
 #include "tools/gen/mesh.h"
 
-#define RACK_ROWS       2u /* two-sided racks of a room */
-#define RACK_ROW_BAYS   4u /* bays of one side of a rack */
-#define RACK_ROOM_BAYS  (2 * RACK_ROWS * RACK_ROW_BAYS)
-#define RACK_BOARDS_MAX 24u
+#define RACK_ROWS_MAX     2u /* two-sided racks of a room */
+#define RACK_ROW_BAYS_MAX 4u /* bays of one side of a rack */
+#define RACK_ROOM_BAYS    (2 * RACK_ROWS_MAX * RACK_ROW_BAYS_MAX)
+#define RACK_BOARDS_MAX   24u
 
 /** Lengths of a room's class, in model units. */
 struct rack_scale {
-	double bay_width; /* between uprights */
+	unsigned row_count;
+	unsigned row_bays; /* bays of one side of a rack, fewer of larger ones */
+	double bay_width;  /* between uprights */
 	double bay_depth;
 	double height; /* of the racks */
 	double board;  /* thickness of boards, uprights and panels */
@@ -42,8 +44,8 @@ struct rack_scale {
 	double corridor; /* half its width */
 };
 
-/** For models of this size. */
-struct rack_scale rack_scale(double unit);
+/** For models of the class: its bays are 2^class as wide and deep, aisles grow more slowly. */
+struct rack_scale rack_scale(double unit, unsigned class);
 
 /** One side of a rack between two uprights. */
 struct rack_bay {

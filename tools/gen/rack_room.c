@@ -39,7 +39,7 @@ static void make_bay(struct mesh *mesh, const struct rack_room *room, unsigned b
 
 		box_between(mesh, at(x - corner.inward * post, y, 0),
 			    at(x, y + post, scale->height));
-		if (bay % RACK_ROW_BAYS + 1 == RACK_ROW_BAYS) {
+		if (bay % scale->row_bays + 1 == scale->row_bays) {
 			y = corner.y + scale->bay_width + 0.2 * scale->board;
 			box_between(mesh, at(x - corner.inward * post, y, 0),
 				    at(x, y + post, scale->height));
@@ -56,8 +56,10 @@ static void make_bay(struct mesh *mesh, const struct rack_room *room, unsigned b
 
 static bool row_is_used(const struct rack_room *room, unsigned row)
 {
-	for (unsigned i = 0; i < 2 * RACK_ROW_BAYS; i++) {
-		if (room->bays[row * 2 * RACK_ROW_BAYS + i].board_count > 0)
+	unsigned bay_count = 2 * room->scale.row_bays;
+
+	for (unsigned i = 0; i < bay_count; i++) {
+		if (room->bays[row * bay_count + i].board_count > 0)
 			return true;
 	}
 	return false;
@@ -66,8 +68,9 @@ static bool row_is_used(const struct rack_room *room, unsigned row)
 static void make_row(struct mesh *mesh, const struct rack_room *room, unsigned row)
 {
 	const struct rack_scale *scale = &room->scale;
-	struct rack_bay_corner corner = rack_bay_corner(scale, row * 2 * RACK_ROW_BAYS);
-	double length = RACK_ROW_BAYS * (scale->bay_width + scale->board);
+	unsigned bay_count = 2 * scale->row_bays;
+	struct rack_bay_corner corner = rack_bay_corner(scale, row * bay_count);
+	double length = scale->row_bays * (scale->bay_width + scale->board);
 	double back = corner.x + scale->bay_depth;
 
 	if (!row_is_used(room, row))
@@ -76,8 +79,8 @@ static void make_row(struct mesh *mesh, const struct rack_room *room, unsigned r
 	box_between(mesh, at(back, corner.y - 0.5 * scale->board, 0.01 * scale->height),
 		    at(back + scale->board, corner.y + length - 0.5 * scale->board,
 		       0.99 * scale->height));
-	for (unsigned i = 0; i < 2 * RACK_ROW_BAYS; i++)
-		make_bay(mesh, room, row * 2 * RACK_ROW_BAYS + i);
+	for (unsigned i = 0; i < bay_count; i++)
+		make_bay(mesh, room, row * bay_count + i);
 }
 
 /* ---- walls ---- */
@@ -110,7 +113,7 @@ static void make_long_walls(struct mesh *mesh, const struct rack_scale *scale)
 	struct plate plate = { .width = scale->room_width - 0.02 * scale->wall };
 	double pitch = 2 * scale->bay_depth + scale->board + scale->aisle;
 
-	for (unsigned row = 0; row <= RACK_ROWS; row++) {
+	for (unsigned row = 0; row <= scale->row_count; row++) {
 		double middle = scale->wall + scale->aisle / 2 + row * pitch;
 
 		if (row % 2 == 0)
@@ -162,6 +165,6 @@ void rack_room_make(struct mesh *mesh, void *arg)
 		make_corridor_end(mesh, scale, 0.01 * scale->wall);
 	if (room->corridor_ends_high_x)
 		make_corridor_end(mesh, scale, scale->room_width - 1.01 * scale->wall);
-	for (unsigned row = 0; row < RACK_ROWS; row++)
+	for (unsigned row = 0; row < scale->row_count; row++)
 		make_row(mesh, room, row);
 }
