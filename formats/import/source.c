@@ -14,9 +14,10 @@
 #include "formats/base/file.h"
 #include "formats/import/number.h"
 
-/* One read of a plain file is at least half of it. */
-#define WINDOW_BYTES (2 * MIB)
-#define PACKED_BYTES (512 * KIB)
+/* One read of a plain file is at least half of it, or all of a small file. */
+#define WINDOW_BYTES     (2 * MIB)
+#define WINDOW_BYTES_MIN (64 * KIB)
+#define PACKED_BYTES     (512 * KIB)
 /* Deflate codes at most 258 bytes in 2 bits. */
 #define DEFLATE_RATIO_MAX 1032u
 
@@ -207,7 +208,7 @@ int source_more(struct source *source, struct why *why)
 	return got > 0;
 }
 
-/* Looks at the first bytes and sets gzip up. */
+/* Looks at the first bytes, makes the window, sets gzip up. */
 static int source_begin(struct source *source, struct why *why)
 {
 	struct source_reader *reader = source->reader;
@@ -217,6 +218,16 @@ static int source_begin(struct source *source, struct why *why)
 	if (r < 0)
 		return why_errno(why, -errno, "reading failed");
 	reader->gzip = is_gzip(magic, (size_t)r);
+	/* A byte more than the file, so that one read sees its end; thousands of models are small. */
+	reader->window_bytes = WINDOW_BYTES;
+	if (!reader->gzip && source->file_bytes < WINDOW_BYTES)
+		reader->window_bytes = u64_max(source->file_bytes + 1, WINDOW_BYTES_MIN);
+	reader->window = malloc(reader->window_bytes + 1);
+	if (!reader->window)
+		return why_set(why, -ENOMEM, "no memory to read it");
+	reader->window[0] = 0;
+	source->at = reader->window;
+	source->end = reader->window;
 	if (reader->gzip) {
 		reader->packed = malloc(PACKED_BYTES);
 		if (!reader->packed || inflateInit2(&reader->inflate, 15 + 16) != Z_OK)
@@ -258,17 +269,9 @@ int source_open(const char *path, uint64_t window_bytes_max, source_progress_fn 
 	if (!source->reader)
 		goto err_memory;
 	source->reader->fd = -1;
-	source->reader->window_bytes = WINDOW_BYTES;
 	source->reader->window_bytes_max = window_bytes_max;
 	source->reader->progress = progress;
 	source->reader->arg = arg;
-	source->reader->window = malloc(WINDOW_BYTES + 1);
-	if (!source->reader->window)
-		goto err_memory;
-	source->reader->window[0] = 0;
-	source->at = source->reader->window;
-	source->end = source->at;
-
 	r = source_open_file(source, path, why);
 	if (r < 0)
 		goto err_close;
