@@ -14,7 +14,12 @@
 #include <string.h>
 #include <sys/stat.h>
 
+/* Sanitizers make everything ten times slower. */
+#ifdef OOCD_SANITIZED
+#define CHANGES_DEFAULT 30u
+#else
 #define CHANGES_DEFAULT 300u
+#endif
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size_bytes);
 
