@@ -5,3 +5,7 @@ oocd_test(test_raster unit SOURCES unit/test_raster.c LINK oocd_select oocd_test
 oocd_test(test_raster_gl integration
 	SOURCES integration/test_raster_gl.c
 	LINK oocd_select PkgConfig::EPOXY PkgConfig::EGL m)
+oocd_test(test_bench integration
+	SOURCES integration/test_bench.c
+	LINK oocd_bench oocd_test_helper m
+	TIMEOUT 300)

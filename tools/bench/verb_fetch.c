@@ -57,9 +57,11 @@ struct fetch_options {
 struct half {
 	struct ooc_want *wants;
 	size_t want_count;
-	uint64_t stored_bytes; /* as the disk reads them: whole blocks */
+	uint64_t stored_bytes; /* without the rest of last blocks, as the daemon counts them */
+	uint64_t block_bytes;  /* as the disk reads them: whole blocks */
 	uint64_t raw_bytes;    /* decoded */
 	uint64_t arena_bytes;  /* decoded, in whole pages */
+	uint64_t piece_count;  /* reads */
 	char log_path[PATH_MAX];
 };
 
@@ -111,7 +113,8 @@ static int halves_deal(struct fetch *fetch, struct why *why)
 			.importance = 1.0f / (float)(half->want_count + 1),
 		};
 		half->want_count++;
-		half->stored_bytes += bytes_round_up(nodes[n].stored_bytes, STORE_BLOCK_BYTES);
+		half->stored_bytes += nodes[n].stored_bytes;
+		half->block_bytes += bytes_round_up(nodes[n].stored_bytes, STORE_BLOCK_BYTES);
 		half->raw_bytes += nodes[n].payload_bytes;
 		half->arena_bytes += bytes_round_up(nodes[n].payload_bytes, 4096);
 	}
@@ -149,6 +152,7 @@ static int half_log(const struct fetch *fetch, struct half *half, int number, st
 			fprintf(file, "%s read %" PRIu64 " %" PRIu64 "\n", store, at, piece);
 			at += piece;
 			left -= piece;
+			half->piece_count++;
 		}
 	}
 	fprintf(file, "%s close\n", store);
@@ -228,7 +232,7 @@ static int fetch_fio(const struct fetch *fetch, const struct half *half, double 
 			       NULL };
 	struct measure_result result;
 	const char *read_part;
-	double bytes;
+	double read_count;
 	double milliseconds;
 	int r;
 
@@ -238,14 +242,15 @@ static int fetch_fio(const struct fetch *fetch, const struct half *half, double 
 	if (r < 0)
 		return r;
 	read_part = strstr(result.output, "\"read\"");
-	if (!read_part || measure_json_number(read_part, "io_bytes", &bytes) < 0 ||
+	if (!read_part || measure_json_number(read_part, "total_ios", &read_count) < 0 ||
 	    measure_json_number(read_part, "runtime", &milliseconds) < 0 || !(milliseconds > 0.0))
-		r = why_set(why, -EPROTO, "fio's answer has no bytes or no time");
-	else if (bytes != (double)half->stored_bytes)
-		r = why_set(why, -EPROTO, "fio read %.0f bytes instead of %" PRIu64, bytes,
-			    half->stored_bytes);
+		r = why_set(why, -EPROTO, "fio's answer has no reads or no time");
+	else if (read_count != (double)half->piece_count)
+		r = why_set(why, -EPROTO, "fio made %.0f reads instead of %" PRIu64, read_count,
+			    half->piece_count);
 	else
-		*ret_rate = bytes / milliseconds * 1e3;
+		/* Its own sum of bytes leaves out what was in flight when it reached the end. */
+		*ret_rate = (double)half->block_bytes / milliseconds * 1e3;
 	measure_result_done(&result);
 	return r;
 }
@@ -266,10 +271,12 @@ static int fetch_repeat(struct fetch *fetch, uint64_t repeat, struct why *why)
 	}
 	if (r < 0)
 		return r;
-	fetch->daemon_rates[repeat] = fetched.bytes / fetched.seconds;
-	fetch->ratios[repeat] = fetch->daemon_rates[repeat] / fetch->fio_rates[repeat];
-	fetch->cpu_seconds[repeat] = fetched.cpu_seconds / (double)half->raw_bytes * 1e9;
 	fetch->cold_shares[repeat] = fetched.bytes / (double)half->stored_bytes;
+	fetch->daemon_rates[repeat] =
+		fetch->cold_shares[repeat] * (double)half->block_bytes / fetched.seconds;
+	fetch->ratios[repeat] = fetch->daemon_rates[repeat] / fetch->fio_rates[repeat];
+	fetch->cpu_seconds[repeat] =
+		fetched.cpu_seconds * 1e9 / ((double)half->raw_bytes * fetch->cold_shares[repeat]);
 	return 0;
 }
 
@@ -284,7 +291,7 @@ static void fetch_report(struct fetch *fetch)
 	report_text(&report, "store", "store", fetch->options->store);
 	report_number(&report, "nodes", "nodes a fetch", (double)fetch->halves[0].want_count, "");
 	report_number(&report, "stored_bytes", "bytes on disk a fetch",
-		      (double)fetch->halves[0].stored_bytes, "");
+		      (double)fetch->halves[0].block_bytes, "");
 	report_number(&report, "raw_bytes", "bytes decoded a fetch",
 		      (double)fetch->halves[0].raw_bytes, "");
 	report_number(&report, "depth", "reads at one time", (double)fetch->options->depth, "");

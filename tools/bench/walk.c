@@ -25,6 +25,9 @@
 /** Storeys a second at 30 points a second: a brisk walk through a building. */
 #define SPACING_SHARE 0.02
 
+/** The smallest room worth a walk, in squares of a storey's height. */
+#define ROOM_STOREYS2 0.5
+
 #define GOAL_CANDIDATES   24
 #define ROOFED_TRIES      64
 #define UNROOFED_COST     3.0f /* the walk is meant for the inside */
@@ -33,7 +36,7 @@
 #define SMOOTHING_SHRINKS 0.8 /* a smooth way is at least this share of the first one's length */
 
 struct walker {
-	double eye, head, knee, radius; /* voxels */
+	double storey, eye, head, knee, radius; /* voxels */
 	uint32_t step;
 };
 
@@ -347,10 +350,15 @@ static uint32_t stand_beside(const struct ground *ground, uint32_t index, unsign
 	return UINT32_MAX;
 }
 
-/* Labels what hangs together, and picks the component with the most room under a roof. */
+/*
+ * Labels what hangs together, and picks the component with the most room under a roof.
+ *
+ * Returns: 0, -ENOMEM, or -ENODATA where none is as large as a small room.
+ */
 static int components_find(struct ground *ground)
 {
 	uint32_t *queue = malloc(((size_t)ground->stand_count + 1) * sizeof(*queue));
+	double room = ROOM_STOREYS2 * ground->walker.storey * ground->walker.storey;
 	double best = -1.0;
 
 	if (!queue)
@@ -378,13 +386,13 @@ static int components_find(struct ground *ground)
 				queue[end++] = beside;
 			}
 		}
-		if (weight > best) {
+		if (weight > best && end >= room) {
 			best = weight;
 			ground->component = first;
 		}
 	}
 	free(queue);
-	return 0;
+	return best < 0.0 ? -ENODATA : 0;
 }
 
 /* How many steps each stand is from one that lacks a neighbour. */
@@ -673,11 +681,10 @@ static int ground_make(struct ground *ground, struct why *why)
 {
 	int r = stands_find(ground);
 
-	if (r == 0 && ground->stand_count == 0)
-		return why_set(why, -ENODATA,
-			       "there is no floor to walk on; --kind orbit needs none");
 	if (r == 0)
 		r = components_find(ground);
+	if (r == -ENODATA)
+		return why_set(why, r, "there is no floor to walk on; --kind orbit needs none");
 	if (r == 0)
 		r = edges_find(ground);
 	return r < 0 ? why_errno(why, r, "no walk") : 0;
@@ -686,6 +693,7 @@ static int ground_make(struct ground *ground, struct why *why)
 static struct walker walker_of_storey(double storey)
 {
 	return (struct walker){
+		.storey = storey,
 		.eye = EYE_SHARE * storey,
 		.head = HEAD_SHARE * storey,
 		.knee = KNEE_SHARE * storey,
