@@ -12,6 +12,18 @@ oocd_test(test_wire unit
 oocd_test(test_protocol_text unit SOURCES unit/test_protocol_text.c LINK oocd_wire oocd_test_helper)
 oocd_fuzz(fuzz_wire LINK oocd_wire)
 
+# The library's own sources, so that the linker can put faults between them and the system.
+set(client_sources client client_session client_set client_store client_view mapping starter wire)
+list(TRANSFORM client_sources PREPEND ${CMAKE_SOURCE_DIR}/libclient/)
+list(TRANSFORM client_sources APPEND .c)
+oocd_test(fault_client fault
+	SOURCES fault/fault_client.c ${client_sources} LINK oocd_base oocd_test_helper)
+target_compile_options(fault_client PRIVATE $<$<C_COMPILER_ID:GNU>:-Wno-tsan>)
+target_link_options(fault_client PRIVATE
+	-Wl,--wrap=calloc,--wrap=realloc,--wrap=socket,--wrap=connect,--wrap=sendmsg,--wrap=recvmsg
+	-Wl,--wrap=open64,--wrap=fstat64,--wrap=fcntl64,--wrap=mmap64)
+add_dependencies(fault_client oocd)
+
 # The examples, against the installed tree.  Programs built with a sanitizer cannot load it late.
 add_executable(make_grid_store integration/make_grid_store.c)
 target_link_libraries(make_grid_store PRIVATE oocd_test_helper)
