@@ -709,6 +709,115 @@ static void a_film_goes_on_when_the_daemon_is_started_again(void **state)
 	(void)close(watch);
 }
 
+/* ---- models ---- */
+
+/* A tetrahedron of that size. */
+static void write_model(const struct fixture *fixture, const char *name, double size)
+{
+	FILE *file = fopen(in(fixture, name), "we");
+
+	assert_non_null(file);
+	(void)fprintf(file,
+		      "v 0 0 0\nv %g 0 0\nv 0 %g 0\nv 0 0 %g\n"
+		      "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n",
+		      size, size, size);
+	(void)fclose(file);
+}
+
+/* Runs oocview with a cache folder of its own; says whether it built a store. */
+static bool view_model(const struct fixture *fixture, const char *arguments)
+{
+	must_view(test_command(output, sizeof(output),
+			       "cd %s && XDG_CACHE_HOME=%s/cache exec $OOCD_BIN/oocview "
+			       "--socket oocd.sock --headless --size 160x120 %s",
+			       fixture->folder, fixture->folder, arguments));
+	return strstr(output, "building its store") != NULL;
+}
+
+static unsigned stores_in_cache(const struct fixture *fixture)
+{
+	char count[32];
+
+	assert_int_equal(test_command(count, sizeof(count), "ls %s/cache/oocd/*.ooc | wc -l",
+				      fixture->folder),
+			 0);
+	return (unsigned)strtoul(count, NULL, 10);
+}
+
+static void a_model_is_built_once_and_again_when_it_changes(void **state)
+{
+	struct fixture *fixture = *state;
+
+	start_daemon(fixture, 64 * MIB);
+	write_model(fixture, "m.obj", 1.0);
+	assert_true(view_model(fixture, "--screenshot 1.png m.obj"));
+	assert_false(view_model(fixture, "--screenshot 2.png m.obj"));
+	assert_same_files(in(fixture, "1.png"), in(fixture, "2.png"));
+	assert_int_equal(stores_in_cache(fixture), 1);
+	/* A longer file: the time of change need not differ. */
+	write_model(fixture, "m.obj", 0.125);
+	assert_true(view_model(fixture, "--screenshot 3.png m.obj"));
+	assert_int_equal(stores_in_cache(fixture), 1);
+	/* Another model of the same name is another model. */
+	assert_int_equal(test_command(NULL, 0, "cd %s && mkdir d && cp m.obj d", fixture->folder),
+			 0);
+	assert_true(view_model(fixture, "--screenshot 4.png d/m.obj"));
+	assert_same_files(in(fixture, "3.png"), in(fixture, "4.png"));
+	assert_int_equal(stores_in_cache(fixture), 2);
+}
+
+static void a_folder_or_list_is_built_again_when_a_file_in_it_changes(void **state)
+{
+	struct fixture *fixture = *state;
+	FILE *list;
+
+	start_daemon(fixture, 64 * MIB);
+	assert_int_equal(test_command(NULL, 0, "mkdir %s/d", fixture->folder), 0);
+	write_model(fixture, "d/m.obj", 1.0);
+	list = fopen(in(fixture, "l.csv"), "we");
+	assert_non_null(list);
+	(void)fprintf(list, "file,m00,m01,m02,m03,m10,m11,m12,m13,m20,m21,m22,m23\n"
+			    "d/m.obj,1,0,0,0,0,1,0,0,0,0,1,0\n");
+	(void)fclose(list);
+	assert_true(view_model(fixture, "--screenshot 1.png d"));
+	assert_false(view_model(fixture, "--screenshot 1.png d"));
+	assert_true(view_model(fixture, "--screenshot 2.png l.csv"));
+	assert_false(view_model(fixture, "--screenshot 2.png l.csv"));
+	write_model(fixture, "d/m.obj", 0.125);
+	assert_true(view_model(fixture, "--screenshot 1.png d"));
+	assert_true(view_model(fixture, "--screenshot 2.png l.csv"));
+	assert_int_equal(stores_in_cache(fixture), 2);
+}
+
+static void a_summary_stays_alone_on_standard_output(void **state)
+{
+	struct fixture *fixture = *state;
+
+	start_daemon(fixture, 64 * MIB);
+	write_model(fixture, "m.obj", 1.0);
+	assert_true(view_model(fixture, "--json --screenshot 1.png m.obj >summary.json"));
+	must_view(test_command(output, sizeof(output),
+			       "wc -l <%s/summary.json && cat %s/summary.json", fixture->folder,
+			       fixture->folder));
+	assert_memory_equal(output, "1\n{\"renderer\":", 14);
+}
+
+static void a_model_that_cannot_be_built_leaves_no_store(void **state)
+{
+	struct fixture *fixture = *state;
+
+	start_daemon(fixture, 64 * MIB);
+	test_file_write(in(fixture, "m.ply"), "this is no model", 16);
+	assert_int_equal(test_command(output, sizeof(output),
+				      "cd %s && XDG_CACHE_HOME=%s/cache exec $OOCD_BIN/oocview "
+				      "--socket oocd.sock --headless --screenshot 1.png m.ply",
+				      fixture->folder, fixture->folder),
+			 1);
+	assert_non_null(strstr(output, "oocbuild: "));
+	assert_non_null(strstr(output, "oocview: m.ply: no store could be built of it"));
+	assert_string_equal(test_folder_list(in(fixture, "cache/oocd")), "lock ");
+}
+
 /* ---- wrong use ---- */
 
 static void wrong_use_is_told_in_a_line(void **state)
@@ -836,6 +945,10 @@ int main(void)
 		WITH_FIXTURE(a_film_has_a_picture_a_row_and_a_recording_a_frame),
 		WITH_FIXTURE(a_signal_ends_a_film_cleanly),
 		WITH_FIXTURE(a_film_goes_on_when_the_daemon_is_started_again),
+		WITH_FIXTURE(a_model_is_built_once_and_again_when_it_changes),
+		WITH_FIXTURE(a_folder_or_list_is_built_again_when_a_file_in_it_changes),
+		WITH_FIXTURE(a_summary_stays_alone_on_standard_output),
+		WITH_FIXTURE(a_model_that_cannot_be_built_leaves_no_store),
 		WITH_FIXTURE(wrong_use_is_told_in_a_line),
 		WITH_FIXTURE(a_daemon_or_display_that_is_not_there_is_told_in_a_line),
 		WITH_FIXTURE(a_damaged_node_is_told_and_the_rest_drawn),
