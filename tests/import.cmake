@@ -11,6 +11,12 @@ oocd_test(test_assimp integration
 oocd_test(test_import_data integration
 	SOURCES integration/test_import_data.c LINK oocd_import_kit TIMEOUT 300)
 
+oocd_test(fault_import fault
+	SOURCES fault/fault_import.c LINK oocd_import oocd_test_helper TIMEOUT 120)
+target_link_options(fault_import PRIVATE
+	-Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc,--wrap=strdup,--wrap=strndup
+	-Wl,--wrap=open64,--wrap=fstat64,--wrap=read,--wrap=pread64,--wrap=pwrite64)
+
 # To fuzz the importers themselves, give -DOOCD_SANITIZE=address,undefined,fuzzer-no-link too.
 add_library(oocd_fuzz_import STATIC ${CMAKE_CURRENT_LIST_DIR}/fuzz/fuzz_import.c)
 target_link_libraries(oocd_fuzz_import PUBLIC oocd_import PkgConfig::XXHASH)
