@@ -1,1 +1,8 @@
 # SPDX-License-Identifier: MIT
+oocd_test(test_build_spool unit SOURCES unit/test_build_spool.c LINK oocd_build oocd_test_helper)
+oocd_test(test_build_grid unit SOURCES unit/test_build_grid.c LINK oocd_build oocd_test_helper m)
+oocd_test(test_build_normals unit SOURCES unit/test_build_normals.c
+	LINK oocd_build oocd_test_helper m)
+oocd_test(test_oocbuild integration SOURCES integration/test_oocbuild.c integration/models.c
+	LINK oocd_build oocd_test_helper m TIMEOUT 300)
+add_dependencies(test_oocbuild oocbuild oocctl oocgen)

@@ -348,6 +348,9 @@ void kit_settle(struct kit_client *client)
 {
 	while (atomic_load_explicit(&client->page->settled, memory_order_acquire) < client->serial)
 		kit_receive(client, WIRE_EVENT);
+	/* What was sent before is there, and says which segments and refusals there are. */
+	while (receive_one(client, 0) > 0)
+		continue;
 }
 
 const uint8_t *kit_map_ungranted(const struct kit_store *store, uint32_t node)

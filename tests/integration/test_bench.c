@@ -111,11 +111,12 @@ static void pictures_are_exact(const char *folder, const char *build_options)
 	assert_int_equal(
 		run(folder, "oocbuild --quiet --keep-ids %s -o m.ooc m.ply", build_options), 0);
 	if (run(folder, "oocbench exact m.ooc m.ply --views 4 --size 320x240 --json") != 0) {
-		size_t length;
-		char *output = test_file_read(test_path(folder, "output"), &length);
-		char *errors = test_file_read(test_path(folder, "errors"), &length);
+		size_t output_bytes;
+		size_t errors_bytes;
+		char *output = test_file_read(test_path(folder, "output"), &output_bytes);
+		char *errors = test_file_read(test_path(folder, "errors"), &errors_bytes);
 
-		print_error("%s%s\n", output, errors);
+		print_error("%.*s%.*s\n", (int)output_bytes, output, (int)errors_bytes, errors);
 		free(output);
 		free(errors);
 		fail();

@@ -2,15 +2,18 @@
 #include "tools/build/build.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 
 #include "formats/base/bytes.h"
 #include "formats/base/check.h"
 #include "formats/base/clock.h"
+#include "formats/base/file.h"
 #include "formats/store/store_writer.h"
 #include "tools/build/borders.h"
 #include "tools/build/cut.h"
@@ -476,6 +479,30 @@ static int find_scratch(struct build *build, struct why *why)
 	return 0;
 }
 
+/* What stands at the output's place is replaced, so it had better be a store. */
+static int judge_output(const char *path, struct why *why)
+{
+	char magic[sizeof(STORE_MAGIC) - 1];
+	struct stat status;
+	AUTO_FD fd = -1;
+
+	if (stat(path, &status) < 0)
+		return errno == ENOENT ? 0 : why_errno(why, -errno, "%s", path);
+	if (!S_ISREG(status.st_mode))
+		return why_set(why, -EEXIST, "%s: is no file: a store cannot stand there", path);
+	if (status.st_size == 0)
+		return 0;
+	fd = open(path, O_RDONLY | O_CLOEXEC);
+	if (fd < 0)
+		return why_errno(why, -errno, "%s", path);
+	if (file_read_at(fd, magic, sizeof(magic), 0) < 0 ||
+	    memcmp(magic, STORE_MAGIC, sizeof(magic)) != 0)
+		return why_set(why, -EEXIST,
+			       "%s: exists and is no store: remove it, or name another output",
+			       path);
+	return 0;
+}
+
 static uint64_t peak_bytes(void)
 {
 	struct rusage own;
@@ -496,7 +523,9 @@ int build_run(const struct build_options *options, struct crew *crew, struct bui
 	*ret = (struct build_report){ 0 };
 	build.bucket_triangles = (uint32_t)u64_max(BUILD_BUCKET_TRIANGLES, options->leaf_triangles);
 	progress_init(&build.progress, options->progress);
-	r = find_scratch(&build, why);
+	r = judge_output(options->output, why);
+	if (r == 0)
+		r = find_scratch(&build, why);
 	if (r == 0)
 		r = plan_memory(&build, why);
 	if (r == 0)

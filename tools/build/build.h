@@ -104,6 +104,7 @@ struct build_report {
  * crew:  initialised with as many workers as options.jobs; crew_stop() ends the build early.
  *
  * Returns: 0, or
+ *	-EEXIST    the output is there and is no store
  *	-EINVAL    an option does not fit the model, or a coordinate is no number
  *	-ENOMEM    options.memory_bytes is too little
  *	-ENOSPC    of the store or of scratch
