@@ -51,14 +51,19 @@ struct ooc_store;
 /**
  * Connects to the daemon.
  *
- * socket_path:  NULL: the running daemon's usual places ($OOCD_SOCKET, /run/oocd/oocd.sock,
- *               $XDG_RUNTIME_DIR/oocd.sock); where nobody listens, a daemon is started for this
- *               user, which ends when it has been idle for a minute.
+ * socket_path:  NULL: the running daemon's usual places ($OOCD_SOCKET, else /run/oocd/oocd.sock, then
+ *               $XDG_RUNTIME_DIR/oocd.sock or /tmp/oocd-UID/oocd.sock); where nobody listens, a
+ *               daemon is started for this user, which ends when it has been idle for a minute.
  * name:         of the program, for `oocctl status`; at most 63 bytes count.
  *
- * Returns: 0, -ECONNREFUSED or -ENOENT (nobody listens at socket_path), -EPROTONOSUPPORT (another
- *	version), -ETIMEDOUT, -ENAMETOOLONG, -ENOMEM or -errno.  May block for some seconds while a
- *	daemon starts.
+ * Returns: 0, or
+ *	-ECONNREFUSED  nobody listens at socket_path, or the daemon that was started has ended
+ *	-ENOENT   nothing is at socket_path, or no oocd is found to be started
+ *	-EACCES   the socket is not for this user, or lies where others could have put it
+ *	-EPROTONOSUPPORT  the daemon speaks another version of the protocol
+ *	-EPROTO, -ETIMEDOUT  whoever listens there is no daemon
+ *	-ENAMETOOLONG, -ENOMEM or -errno.
+ * May block: for some seconds while a daemon starts.
  * Ownership: *ret is the caller's, ended with ooc_disconnect(); on failure it is NULL.
  */
 OOC_API int ooc_connect(const char *socket_path, const char *name, struct ooc_client **ret);

@@ -272,16 +272,15 @@ void fake_event(struct fake_daemon *fake, uint64_t serial, bool settled)
 void fake_refuse(struct fake_daemon *fake, uint64_t serial, uint32_t store, uint32_t node,
 		 uint32_t reason)
 {
-	struct {
-		struct wire_not_now message;
-		struct wire_refusal entry;
-	} one = {
-		.message = { .serial = serial, .entry_count = 1 },
-		.entry = { .store = store, .node = node, .reason = reason },
-	};
+	_Alignas(8)
+		uint8_t bytes[sizeof(struct wire_not_now) + sizeof(struct wire_refusal)] = { 0 };
+	struct wire_not_now *message = (void *)bytes;
 
-	/* The struct ends with a pad that the message has not. */
-	fake_send(fake, &one, WIRE_NOT_NOW, sizeof(one.message) + sizeof(one.entry), NULL, 0);
+	message->serial = serial;
+	message->entry_count = 1;
+	message->entries[0] =
+		(struct wire_refusal){ .store = store, .node = node, .reason = reason };
+	fake_send(fake, message, WIRE_NOT_NOW, sizeof(bytes), NULL, 0);
 }
 
 /* ---- shared memory ---- */
