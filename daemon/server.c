@@ -4,6 +4,7 @@
 #include <errno.h>
 #include <poll.h>
 #include <signal.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
@@ -23,11 +24,23 @@
 /* An empty segment that nobody has used for so long is given back. */
 #define SEGMENT_IDLE_NS (30 * NS_PER_S)
 
+/* Rounds between two walks through everything, in Debug builds. */
+#define CHECK_ROUNDS 64u
+
 /* ---- rounds ---- */
 
 void server_active(struct server *server)
 {
 	(void)sd_event_source_set_enabled(server->round_source, SD_EVENT_ONESHOT);
+}
+
+/* Walks everything: in Debug builds, now and then. */
+static bool server_check(const struct server *server)
+{
+	cache_check(&server->cache);
+	LIST_FOR_EACH (link, &server->sessions)
+		visible_check(&LIST_ENTRY(link, struct session, link)->visible);
+	return true;
 }
 
 static int on_round(sd_event_source *source, void *arg)
@@ -45,6 +58,7 @@ static int on_round(sd_event_source *source, void *arg)
 	used_bytes = cache_used_bytes(&server->cache);
 	LIST_FOR_EACH (link, &server->sessions)
 		session_tell(LIST_ENTRY(link, struct session, link), used_bytes);
+	DCHECK(server->round_count++ % CHECK_ROUNDS > 0 || server_check(server));
 	if (server->stopping && fills_count(server->fills) == 0 &&
 	    workers_job_count(server->workers) == 0)
 		(void)sd_event_exit(server->event, 0);

@@ -41,6 +41,7 @@ struct server {
 	uint64_t idle_since_ns; /* nobody is connected since; 0: somebody is */
 	int buffer_error;       /* the last failure to register memory, or 0 */
 	bool stopping;
+	uint32_t round_count;
 };
 
 /** Something changed: run a round when the pending events have been handled. */

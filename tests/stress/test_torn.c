@@ -62,6 +62,12 @@ static uint64_t stress_ns(void)
 	return seconds ? strtoull(seconds, NULL, 10) * NS_PER_S : 1500 * NS_PER_MS;
 }
 
+/* On a busy machine little happens in a moment: then it lasts until something has. */
+static bool is_enough(const struct tally *tally, bool keeps_the_rule)
+{
+	return tally->reads > 1000 && tally->sets > 100 && (keeps_the_rule || tally->torn > 0);
+}
+
 /* A run of neighbours, so that sets overlap, chosen anew each time. */
 static void next_set(struct reader *reader, unsigned *seed)
 {
@@ -118,20 +124,22 @@ static _Noreturn void reader_main(const struct kit_daemon *daemon, const char *p
 {
 	struct reader *reader = calloc(1, sizeof(*reader));
 	uint64_t end_ns = clock_now_ns() + stress_ns();
+	const struct wire_session_page *page;
 
 	reader->client = kit_hello(daemon);
+	page = reader->client->page;
 	reader->store = kit_open(reader->client, 0, path);
 	reader->tally = tally;
 	reader->keeps_the_rule = keeps_the_rule;
 	for (uint32_t i = 0; i < reader->store->node_count; i++)
 		if (reader->store->nodes[i].payload_id > 0)
 			reader->payloads[reader->payload_count++] = i;
-	while (clock_now_ns() < end_ns) {
+	while (clock_now_ns() < end_ns || !is_enough(tally, keeps_the_rule)) {
 		uint64_t serial = reader->client->serial;
 
 		take_what_came(reader);
-		/* One set unanswered at most. */
-		if (atomic_load_explicit(&reader->client->page->acknowledged,
+		/* One set unanswered at most; mostly one is seen whole before the next. */
+		if (atomic_load_explicit(rand_r(&seed) % 16 ? &page->settled : &page->acknowledged,
 					 memory_order_acquire) == serial)
 			next_set(reader, &seed);
 		for (uint32_t i = 0; i < SET_NODES; i++)
@@ -173,8 +181,6 @@ static void run_readers(const char *folder, bool keep_the_rule, struct tally *ta
 	assert_int_equal(kit_daemon_stop(&daemon, SIGTERM), 0);
 	print_message("%llu sets, %llu reads, %llu torn\n", (unsigned long long)tally->sets,
 		      (unsigned long long)tally->reads, (unsigned long long)tally->torn);
-	assert_true(tally->sets > 10);
-	assert_true(tally->reads > 100);
 }
 
 static struct tally *tally_map(void)
