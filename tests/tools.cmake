@@ -1,1 +1,8 @@
 # SPDX-License-Identifier: MIT
+oocd_test(test_gen_mesh unit
+	SOURCES unit/test_gen_mesh.c unit/ply_mesh.c LINK oocd_gen oocd_test_helper)
+oocd_test(test_rack_place unit
+	SOURCES unit/test_rack_place.c unit/ply_mesh.c LINK oocd_gen oocd_test_helper)
+oocd_test(test_oocgen integration
+	SOURCES integration/test_oocgen.c LINK oocd_gen oocd_test_helper TIMEOUT 120)
+add_dependencies(test_oocgen oocgen)

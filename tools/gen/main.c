@@ -344,6 +344,7 @@ static int run(const struct settings *settings)
 
 int main(int argc, char **argv)
 {
+	static char program[] = "oocgen";
 	long processors = sysconf(_SC_NPROCESSORS_ONLN);
 	struct settings settings = { .seed = SEED_DEFAULT,
 				     .colours = true,
@@ -354,13 +355,14 @@ int main(int argc, char **argv)
 	int option;
 	int r;
 
-	log_init("oocgen", LOG_LEVEL_INFO);
+	log_init(program, LOG_LEVEL_INFO);
 	interrupt_catch();
+	/* getopt_long() puts it in front of what it says. */
+	argv[0] = program;
 	if (argc > 1 && argv[1][0] != '-') {
 		if (find_verb(argv[1], &settings.verb) < 0)
 			return usage("no such verb", argv[1]);
-		/* getopt_long() puts argv[0] in front of what it says. */
-		argv[1] = argv[0];
+		argv[1] = program;
 		argv++;
 		argc--;
 	}

@@ -130,6 +130,10 @@ int mesh_write_file(const struct mesh_file *file, mesh_scene_fn scene, void *arg
 	if (!circles)
 		return why_set(why, -ENOMEM, "out of memory");
 	scene(&counted, arg);
+	if (interrupted) {
+		free(circles);
+		return why_set(why, -ECANCELED, "%s: interrupted, nothing was kept", file->path);
+	}
 	if (counted.vertex_count > UINT32_MAX) {
 		free(circles);
 		return why_set(why, -EOVERFLOW,
@@ -152,7 +156,7 @@ int mesh_write_file(const struct mesh_file *file, mesh_scene_fn scene, void *arg
 		mesh.vertex_count = 0;
 		mesh.triangle_count = 0;
 		scene(&mesh, arg);
-		if (mesh_failed(&mesh))
+		if (mesh_stopped(&mesh))
 			break;
 		CHECK(mesh.vertex_count == counted.vertex_count);
 		CHECK(mesh.triangle_count == counted.triangle_count);

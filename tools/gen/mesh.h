@@ -20,6 +20,7 @@
 #include <stdint.h>
 
 #include "formats/base/why.h"
+#include "tools/gen/interrupt.h"
 #include "tools/gen/out_file.h"
 #include "tools/gen/random.h"
 
@@ -83,10 +84,10 @@ struct mesh {
 	struct out_file *out;       /* NULL while counting */
 };
 
-/** Has writing failed?  The scene may then end early; nobody will look at it. */
-static inline bool mesh_failed(const struct mesh *mesh)
+/** Did writing fail, or a signal come?  The scene may then end early; nobody will look at it. */
+static inline bool mesh_stopped(const struct mesh *mesh)
 {
-	return mesh->out && mesh->out->error != 0;
+	return interrupted || (mesh->out && mesh->out->error != 0);
 }
 
 /** A copy that only counts; what it is told leaves no trace in the file. */

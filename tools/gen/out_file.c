@@ -73,15 +73,18 @@ void out_file_flush(struct out_file *out)
 	size_t left_bytes = out->used_bytes;
 
 	out->used_bytes = 0;
-	if (interrupted && out->error == 0)
-		out->error = -ECANCELED;
 	while (left_bytes > 0 && out->error == 0) {
-		ssize_t written = write(out->fd, bytes, left_bytes);
+		ssize_t written;
 
-		if (written < 0 && errno == EINTR && !interrupted)
+		if (interrupted) {
+			out->error = -ECANCELED;
+			return;
+		}
+		written = write(out->fd, bytes, left_bytes);
+		if (written < 0 && errno == EINTR)
 			continue;
 		if (written < 0) {
-			out->error = interrupted ? -ECANCELED : -errno;
+			out->error = -errno;
 			return;
 		}
 		bytes += written;

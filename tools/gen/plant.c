@@ -56,7 +56,7 @@ static uint64_t cells_triangles(const struct mesh *mesh, const struct plant *pla
 {
 	uint64_t sum = 0;
 
-	for (uint64_t cell = 0; cell < bay_cell_count(plant); cell++)
+	for (uint64_t cell = 0; cell < bay_cell_count(plant) && !interrupted; cell++)
 		sum += cell_triangles(mesh, plant, cell, level);
 	return sum;
 }
@@ -95,7 +95,7 @@ static void plan(struct plant *plant, const struct mesh *mesh)
 	}
 	plant->level = low;
 	plant->spare_count = target - cells_triangles(mesh, plant, low);
-	CHECK(plant->spare_count <= target);
+	CHECK(plant->spare_count <= target || interrupted);
 }
 
 void plant_init(struct plant *plant, uint64_t triangle_count, uint64_t seed)
@@ -143,7 +143,7 @@ void plant_scene(struct mesh *mesh, void *arg)
 	if (mesh->pass == MESH_COUNT)
 		plan(plant, mesh);
 	cell_count = bay_cell_count(plant);
-	for (uint64_t cell = 0; cell < cell_count && !mesh_failed(mesh); cell++) {
+	for (uint64_t cell = 0; cell < cell_count && !mesh_stopped(mesh); cell++) {
 		uint64_t extra = cell_triangles(mesh, plant, cell, plant->level + 1) -
 				 cell_triangles(mesh, plant, cell, plant->level);
 		double share = (double)plant->spare_count * (double)(cell + 1) / (double)cell_count;
@@ -156,6 +156,6 @@ void plant_scene(struct mesh *mesh, void *arg)
 		}
 		bay_make(mesh, plant, cell);
 	}
-	if (!mesh_failed(mesh))
+	if (!mesh_stopped(mesh))
 		make_heap(mesh, plant, plant->triangle_count - mesh->triangle_count);
 }

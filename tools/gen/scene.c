@@ -38,7 +38,7 @@ static void triangle(struct mesh *mesh, struct vec3 a, struct vec3 b, struct vec
 static void litter(struct mesh *mesh, const struct scene *scene, struct random *random,
 		   const struct vec3 box[2], double size)
 {
-	for (uint64_t count = left(mesh, scene); count > 0; count--) {
+	for (uint64_t count = left(mesh, scene); count > 0 && !mesh_stopped(mesh); count--) {
 		struct vec3 place = random_in(random, box[0], box[1]);
 		struct vec3 corners[3];
 
@@ -182,7 +182,7 @@ static void make_sheet(struct mesh *mesh, const struct scene *scene, struct rand
 	mesh->colour = 0x4040c0;
 	triangle(mesh, at(-50, -50, 20), at(250, -50, 20), at(-50, 250, 20));
 	mesh->colour = 0x30a0d0;
-	for (uint64_t count = left(mesh, scene); count > 0; count--) {
+	for (uint64_t count = left(mesh, scene); count > 0 && !mesh_stopped(mesh); count--) {
 		struct vec3 from = random_in(random, at(0, 0, -20), at(100, 100, 20));
 		struct vec3 to = random_in(random, at(0, 0, -20), at(100, 100, 20));
 
@@ -239,7 +239,7 @@ static void make_coplanar(struct mesh *mesh, const struct scene *scene, struct r
 	}
 	/* And triangles of all sizes that lie in the same planes. */
 	mesh->colour = 0x8080f0;
-	for (uint64_t count = left(mesh, scene); count > 0; count--) {
+	for (uint64_t count = left(mesh, scene); count > 0 && !mesh_stopped(mesh); count--) {
 		double x = random_below(random, edge + 1);
 		double y = random_below(random, edge + 1);
 		double z = random_below(random, edge + 1);

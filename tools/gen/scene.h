@@ -30,8 +30,8 @@ extern const struct scene_kind scene_kinds[];
 const struct scene_kind *scene_find(const char *name);
 
 /**
- * A mesh_scene_fn.  Makes exactly the wanted triangles; the sphere the most that it can have, at
- * most 3 % fewer from 1000 on.
+ * A mesh_scene_fn.  Makes exactly the wanted triangles; the sphere the most that a grid of its
+ * fineness can have, fewer than N by less than 2 sqrt(N).
  *
  * arg: a struct scene
  */
