@@ -553,14 +553,19 @@ int leaf_make(struct leaf_maker *maker, const struct octree_leaf *from,
 					   .triangle_count = triangle_count };
 	struct extent_box box;
 	uint32_t run_count;
+	uint32_t cell[3];
+	uint32_t level;
 
 	CHECK(triangle_count > 0);
 	*ret = (struct leaf){ 0 };
 	if (maker_reserve(maker, triangle_count) < 0)
 		return why_set(why, -ENOMEM, "no memory for a leaf of %u triangles",
 			       triangle_count);
-	maker->cell_begin = grid_morton(from->cell) << 3 * (STORE_LEVEL_MAX - from->level);
-	maker->cell_length = UINT64_C(1) << 3 * (STORE_LEVEL_MAX - from->level);
+	for (unsigned k = 0; k < 3; k++)
+		cell[k] = from->cell[k] >> from->piece_levels;
+	level = from->level - from->piece_levels;
+	maker->cell_begin = grid_morton(cell) << 3 * (STORE_LEVEL_MAX - level);
+	maker->cell_length = UINT64_C(1) << 3 * (STORE_LEVEL_MAX - level);
 	run_count = make_runs(maker, from);
 	content.vertex_count = make_indices(maker, triangle_count, run_count);
 	content.run_count = run_count;

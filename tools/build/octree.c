@@ -93,6 +93,7 @@ static int tell_leaf(struct octree *octree, const struct octree_cell *cell, stru
 static void piece_cell(const struct octree_cell *cell, uint32_t piece, struct octree_leaf *ret)
 {
 	ret->level = cell->level + GRID_PIECE_LEVELS;
+	ret->piece_levels = GRID_PIECE_LEVELS;
 	for (unsigned axis = 0; axis < 3; axis++) {
 		ret->cell[axis] = cell->cell[axis] << GRID_PIECE_LEVELS;
 		for (unsigned bit = 0; bit < GRID_PIECE_LEVELS; bit++)

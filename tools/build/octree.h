@@ -29,6 +29,7 @@
 struct octree_leaf {
 	uint32_t level;
 	uint32_t cell[3];
+	uint32_t piece_levels; /* so far above is the cell that was chopped; else 0 */
 	const uint32_t *triangles;
 	uint32_t triangle_count;
 };
