@@ -20,12 +20,8 @@ int batcher_init(struct batcher *batcher, bool positions_double,
 		batcher->positions64 = malloc(CORNERS_MAX * 3 * sizeof(double));
 	else
 		batcher->positions32 = malloc(CORNERS_MAX * 3 * sizeof(float));
-	batcher->normals = malloc(CORNERS_MAX * 3 * sizeof(float));
-	batcher->colours = malloc(CORNERS_MAX * sizeof(uint32_t));
-	if (!batcher->positions32 || !batcher->normals || !batcher->colours) {
-		batcher_done(batcher);
+	if (!batcher->positions32)
 		return why_set(why, -ENOMEM, "no memory for a batch of triangles");
-	}
 	return 0;
 }
 
@@ -55,6 +51,24 @@ int batcher_part(struct batcher *batcher, const struct import_part *part, uint32
 	if (r < 0)
 		return r;
 	*ret_number = (uint32_t)batcher->info->part_count++;
+	return 0;
+}
+
+int batcher_begin(struct batcher *batcher, const struct batch_kind *kind, struct why *why)
+{
+	int r = batcher_flush(batcher, why);
+
+	if (r < 0)
+		return r;
+	if (kind->normals && !batcher->normals)
+		batcher->normals = malloc(CORNERS_MAX * 3 * sizeof(float));
+	if (kind->colours && !batcher->colours)
+		batcher->colours = malloc(CORNERS_MAX * sizeof(uint32_t));
+	if ((kind->normals && !batcher->normals) || (kind->colours && !batcher->colours))
+		return why_set(why, -ENOMEM, "no memory for a batch of triangles");
+	batcher->part = kind->part;
+	batcher->normals_set = kind->normals;
+	batcher->colours_set = kind->colours;
 	return 0;
 }
 

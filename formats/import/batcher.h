@@ -21,7 +21,7 @@ struct batcher {
 	bool normals_set;
 	bool colours_set;
 
-	/* Room for a full batch each; positions are one or the other. */
+	/* Room for a full batch each; positions are one or the other, the rest is made when used. */
 	union {
 		float *positions32;
 		double *positions64;
@@ -56,6 +56,9 @@ void batcher_done(struct batcher *batcher);
 int batcher_part(struct batcher *batcher, const struct import_part *part, uint32_t *ret_number,
 		 struct why *why);
 
+/** Hands on what there is, and begins a batch of that kind.  Returns: as batcher_flush(), -ENOMEM. */
+int batcher_begin(struct batcher *batcher, const struct batch_kind *kind, struct why *why);
+
 /** Hands on what there is.  Returns: 0, -ECANCELED, or what the sink returned. */
 int batcher_flush(struct batcher *batcher, struct why *why);
 
@@ -71,13 +74,10 @@ static inline int batcher_next(struct batcher *batcher, const struct batch_kind 
 {
 	if (batcher->triangle_count == IMPORT_BATCH_TRIANGLES || batcher->part != kind->part ||
 	    batcher->normals_set != kind->normals || batcher->colours_set != kind->colours) {
-		int r = batcher_flush(batcher, why);
+		int r = batcher_begin(batcher, kind, why);
 
 		if (r < 0)
 			return r;
-		batcher->part = kind->part;
-		batcher->normals_set = kind->normals;
-		batcher->colours_set = kind->colours;
 	}
 	*ret_index = batcher->triangle_count++;
 	return 0;

@@ -9,8 +9,10 @@
 #include "formats/base/bytes.h"
 #include "formats/import/job.h"
 
+/* The longest line or record: a face of as many corners as are read is shorter. */
+#define WINDOW_BYTES_MAX (4 * MIB)
 /* Windows, packed bytes, a batch, a face's corners: what every importer has besides its model. */
-#define FIXED_BYTES (8 * MIB)
+#define FIXED_BYTES (12 * MIB)
 
 struct importer {
 	const char *suffix; /* of the file's name, lower case */
@@ -96,8 +98,7 @@ static int import_job_run(struct import_job *job, struct why *why)
 	const struct importer *importer;
 	int r;
 
-	r = source_open(job->path, u64_max(job->memory_bytes / 4, 4 * MIB), on_progress, job,
-			&job->source, why);
+	r = source_open(job->path, WINDOW_BYTES_MAX, on_progress, job, &job->source, why);
 	if (r < 0)
 		return r;
 	importer = importer_of_content(job->source, job->path);

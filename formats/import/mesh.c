@@ -53,6 +53,8 @@ struct mesh *mesh_destroy(struct mesh *mesh)
 	spill_destroy(mesh->faces);
 	free(mesh->joined);
 	free(mesh->part_colours);
+	free(mesh->face_vertices);
+	free(mesh->face_normals);
 	free(mesh->corners);
 	free(mesh->corner_normals);
 	free(mesh);
@@ -251,32 +253,39 @@ static int mesh_emit(struct mesh *mesh, uint32_t part, uint32_t corner_count, bo
 	return 0;
 }
 
-/* Room for a face's corners, and for cutting it. */
-static int mesh_reserve_corners(struct mesh *mesh, uint32_t corner_count, struct why *why)
+/* Makes an array longer; what is in it stays. */
+static int grow_array(void *array, size_t count, size_t item_bytes)
+{
+	void **pointer = array;
+	void *grown = realloc(*pointer, count * item_bytes);
+
+	if (!grown)
+		return -ENOMEM;
+	*pointer = grown;
+	return 0;
+}
+
+int mesh_reserve(struct mesh *mesh, uint64_t corner_count, struct why *why)
 {
 	size_t joined_bytes = mesh->vertices.record_bytes + mesh->normals.record_bytes;
-	size_t corner_max;
+	uint32_t corner_max = mesh->corner_max ? mesh->corner_max : 64;
 
+	if (corner_count <= mesh->corner_max)
+		return 0;
 	if (corner_count > POLYGON_CORNERS_MAX)
-		return why_set(why, -EUCLEAN, "a face of %u corners; at most %u are read",
-			       corner_count, POLYGON_CORNERS_MAX);
-	if (corner_count <= mesh->polygon.corner_max)
-		return 0;
-	if (polygon_reserve(&mesh->polygon, corner_count) < 0)
-		goto err_memory;
-	corner_max = mesh->polygon.corner_max;
-	free(mesh->corners);
-	free(mesh->corner_normals);
-	free(mesh->joined);
-	mesh->corners = malloc(corner_max * sizeof(*mesh->corners));
-	mesh->corner_normals = malloc(corner_max * sizeof(*mesh->corner_normals));
-	mesh->joined = malloc(corner_max * joined_bytes);
-	if (mesh->corners && mesh->corner_normals && mesh->joined)
-		return 0;
-	/* Nothing may think that there is room. */
-	polygon_done(&mesh->polygon);
-err_memory:
-	return why_set(why, -ENOMEM, "no memory for a face of %u corners", corner_count);
+		return why_set(why, -EUCLEAN, "a face of more than %u corners",
+			       POLYGON_CORNERS_MAX);
+	while (corner_max < corner_count)
+		corner_max *= 2;
+	if (grow_array(&mesh->face_vertices, corner_max, sizeof(*mesh->face_vertices)) < 0 ||
+	    grow_array(&mesh->face_normals, corner_max, sizeof(*mesh->face_normals)) < 0 ||
+	    grow_array(&mesh->corners, corner_max, sizeof(*mesh->corners)) < 0 ||
+	    grow_array(&mesh->corner_normals, corner_max, sizeof(*mesh->corner_normals)) < 0 ||
+	    grow_array(&mesh->joined, corner_max, joined_bytes) < 0 ||
+	    polygon_reserve(&mesh->polygon, corner_max) < 0)
+		return why_set(why, -ENOMEM, "no memory for a face of %u corners", corner_max);
+	mesh->corner_max = corner_max;
+	return 0;
 }
 
 /* ---- faces of a deferred mesh ---- */
@@ -307,16 +316,16 @@ static int note_face(struct mesh *mesh, const struct mesh_face *face, struct why
 	int r = 0;
 
 	if (mesh->run_part != face->part || mesh->run_corner_count != face->corner_count ||
-	    mesh->run_normals != (face->normals != NULL))
+	    mesh->run_normals != face->normals)
 		r = write_run(mesh, why);
 	mesh->run_part = face->part;
 	mesh->run_corner_count = face->corner_count;
-	mesh->run_normals = face->normals != NULL;
+	mesh->run_normals = face->normals;
 	mesh->run_length++;
 	for (uint32_t i = 0; i < face->corner_count && r == 0; i++) {
-		r = join_refer(mesh->vertices.join, face->vertices[i], why);
+		r = join_refer(mesh->vertices.join, mesh->face_vertices[i], why);
 		if (r == 0 && face->normals)
-			r = join_refer(mesh->normals.join, face->normals[i], why);
+			r = join_refer(mesh->normals.join, mesh->face_normals[i], why);
 	}
 	return r;
 }
@@ -325,7 +334,7 @@ static int note_face(struct mesh *mesh, const struct mesh_face *face, struct why
 static int emit_noted(struct mesh *mesh, const struct face_run *run, struct why *why)
 {
 	uint32_t vertex_bytes = mesh->vertices.record_bytes;
-	uint8_t *normals = mesh->joined + (size_t)mesh->polygon.corner_max * vertex_bytes;
+	uint8_t *normals = mesh->joined + (size_t)mesh->corner_max * vertex_bytes;
 
 	for (uint32_t i = 0; i < run->corner_count; i++) {
 		uint8_t *vertex = mesh->joined + (size_t)i * vertex_bytes;
@@ -389,26 +398,23 @@ static int table_find(const struct mesh_table *table, uint64_t number, const uin
 
 int mesh_add_face(struct mesh *mesh, const struct mesh_face *face, struct why *why)
 {
-	int r;
+	int r = 0;
 
+	CHECK(face->corner_count <= mesh->corner_max);
 	mesh->job->info->face_count++;
 	if (face->corner_count < 3) {
 		mesh->job->info->dropped_faces++;
 		return 0;
 	}
-	r = mesh_reserve_corners(mesh, face->corner_count, why);
-	if (r < 0)
-		return r;
 	if (mesh->deferred)
 		return note_face(mesh, face, why);
 	for (uint32_t i = 0; i < face->corner_count && r == 0; i++) {
-		r = table_find(&mesh->vertices, face->vertices[i], &mesh->corners[i], why);
+		r = table_find(&mesh->vertices, mesh->face_vertices[i], &mesh->corners[i], why);
 		if (r == 0 && face->normals)
-			r = table_find(&mesh->normals, face->normals[i], &mesh->corner_normals[i],
-				       why);
+			r = table_find(&mesh->normals, mesh->face_normals[i],
+				       &mesh->corner_normals[i], why);
 	}
-	return r < 0 ? r
-		     : mesh_emit(mesh, face->part, face->corner_count, face->normals != NULL, why);
+	return r < 0 ? r : mesh_emit(mesh, face->part, face->corner_count, face->normals, why);
 }
 
 int mesh_finish(struct mesh *mesh, struct why *why)

@@ -56,18 +56,21 @@ struct mesh {
 	bool run_normals;
 	uint32_t *part_colours;
 	uint32_t part_capacity;
+	/* The face at hand.  Room for corner_max corners. */
+	uint32_t corner_max;
+	uint64_t *face_vertices; /* the user's, after mesh_reserve() */
+	uint64_t *face_normals;
 	struct polygon polygon;
-	const uint8_t **corners; /* of the polygon at hand: its vertices' records */
+	const uint8_t **corners; /* its vertices' records */
 	const uint8_t **corner_normals;
 	uint8_t *joined; /* room for these records, where they come from disk */
 };
 
-/** One face.  normals: NULL, or a number for each corner. */
+/** One face; the numbers of its corners stand in mesh->face_vertices and face_normals. */
 struct mesh_face {
 	uint32_t part;
 	uint32_t corner_count;
-	const uint64_t *vertices;
-	const uint64_t *normals;
+	bool normals; /* it has them */
 };
 
 /** How many there are so far. */
@@ -105,10 +108,16 @@ int mesh_add_vertices(struct mesh *mesh, const void *records, uint64_t count, st
 int mesh_add_normal(struct mesh *mesh, const float normal[3], struct why *why);
 
 /**
+ * Makes room for the numbers of a face's corners; what was written there before stays.
+ *
+ * Returns: 0, -EUCLEAN when a face may not have so many, or -ENOMEM.
+ */
+int mesh_reserve(struct mesh *mesh, uint64_t corner_count, struct why *why);
+
+/**
  * Adds a face; fewer than three corners are counted as dropped.
  *
- * Returns: 0, -EUCLEAN when it points outside of the tables or has too many corners, -ENOMEM, or
- * what the sink returned.
+ * Returns: 0, -EUCLEAN when it points outside of the tables, -ENOMEM, or what the sink returned.
  */
 int mesh_add_face(struct mesh *mesh, const struct mesh_face *face, struct why *why);
 
@@ -120,15 +129,16 @@ static inline int mesh_add_triangle(struct mesh *mesh, uint32_t part, const uint
 				    struct why *why)
 {
 	const struct mesh_table *table = &mesh->vertices;
-	struct mesh_face face = { .part = part, .corner_count = 3, .vertices = corners };
+	struct mesh_face face = { .part = part, .corner_count = 3 };
+	int r;
 
 	if (mesh->triangles_plain && !mesh->deferred && corners[0] < table->count &&
 	    corners[1] < table->count && corners[2] < table->count) {
 		struct batch_kind kind = { .part = part };
 		uint32_t index;
 		float *out;
-		int r = batcher_next(&mesh->batcher, &kind, &index, why);
 
+		r = batcher_next(&mesh->batcher, &kind, &index, why);
 		if (r < 0)
 			return r;
 		out = mesh->batcher.positions32 + 9 * (size_t)index;
@@ -138,6 +148,10 @@ static inline int mesh_add_triangle(struct mesh *mesh, uint32_t part, const uint
 		mesh->job->info->face_count++;
 		return 0;
 	}
+	r = mesh_reserve(mesh, 3, why);
+	if (r < 0)
+		return r;
+	memcpy(mesh->face_vertices, corners, 3 * sizeof(*corners));
 	return mesh_add_face(mesh, &face, why);
 }
 

@@ -16,6 +16,8 @@
 #include "formats/import/number.h"
 
 #define NAME_BYTES 1024u
+/* As long as a line without "\" may be. */
+#define JOINED_BYTES_MAX (4 * MIB)
 
 struct obj {
 	struct import_job *job;
@@ -31,8 +33,6 @@ struct obj {
 	uint32_t part;
 	bool part_stale; /* a name has changed since part was looked up */
 
-	uint64_t *vertices; /* of the face at hand: POLYGON_CORNERS_MAX */
-	uint64_t *normals;
 	char *joined; /* a line that goes on behind "\" */
 	size_t joined_length;
 	size_t joined_capacity;
@@ -235,9 +235,9 @@ static const char *take_corner(const char *at, int64_t *vertex, int64_t *normal)
 
 static int take_face(struct obj *obj, const char *at, struct why *why)
 {
-	struct mesh_face face = { .vertices = obj->vertices, .normals = obj->normals };
 	uint64_t vertex_count = mesh_vertex_count(obj->mesh);
 	uint64_t normal_count = mesh_normal_count(obj->mesh);
+	struct mesh_face face = { .normals = true };
 	int r;
 
 	for (at = skip_gaps(at); *at != '\n' && *at != '\0'; at = skip_gaps(at)) {
@@ -246,12 +246,14 @@ static int take_face(struct obj *obj, const char *at, struct why *why)
 		at = take_corner(at, &vertex, &normal);
 		if (!at || (!is_gap(*at) && *at != '\n' && *at != '\0'))
 			return line_fault(obj, why, "a corner of a face is wanted, such as 1/2/3");
-		if (face.corner_count == POLYGON_CORNERS_MAX)
-			return line_fault(obj, why, "a face of more than 65536 corners");
-		if (normal == 0)
-			face.normals = NULL;
-		obj->vertices[face.corner_count] = resolve(vertex, vertex_count);
-		obj->normals[face.corner_count] = resolve(normal, normal_count);
+		r = mesh_reserve(obj->mesh, face.corner_count + UINT64_C(1), why);
+		if (r < 0) {
+			why_prefix(why, "line %llu", (unsigned long long)obj->source->line);
+			return r;
+		}
+		face.normals &= normal != 0;
+		obj->mesh->face_vertices[face.corner_count] = resolve(vertex, vertex_count);
+		obj->mesh->face_normals[face.corner_count] = resolve(normal, normal_count);
 		face.corner_count++;
 	}
 	if (obj->part_stale) {
@@ -261,6 +263,7 @@ static int take_face(struct obj *obj, const char *at, struct why *why)
 	}
 	face.part = obj->part;
 	r = mesh_add_face(obj->mesh, &face, why);
+	/* What the sink says is about itself, not about the line. */
 	if (r == -EUCLEAN)
 		why_prefix(why, "line %llu", (unsigned long long)obj->source->line);
 	return r;
@@ -327,7 +330,7 @@ static int join_line(struct obj *obj, const char *line, size_t length, struct wh
 		size_t capacity = 2 * wanted;
 		char *grown;
 
-		if (capacity > obj->job->memory_bytes)
+		if (capacity > JOINED_BYTES_MAX)
 			return line_fault(obj, why, "a line that goes on for too long");
 		grown = realloc(obj->joined, capacity);
 		if (!grown)
@@ -393,13 +396,11 @@ static int obj_prepare(struct obj *obj, struct why *why)
 		.normal_table = true,
 	};
 
+	/* A quarter of the memory for names; the mesh has the rest. */
 	mtl_init(&obj->mtl, obj->job->memory_bytes / 8);
 	names_init(&obj->part_names, obj->job->memory_bytes / 8);
+	obj->job->memory_bytes -= obj->job->memory_bytes / 4;
 	obj->part_stale = true;
-	obj->vertices = malloc(POLYGON_CORNERS_MAX * sizeof(*obj->vertices));
-	obj->normals = malloc(POLYGON_CORNERS_MAX * sizeof(*obj->normals));
-	if (!obj->vertices || !obj->normals)
-		return why_set(why, -ENOMEM, "no memory for faces");
 	return mesh_create(obj->job, &layout, &obj->mesh, why);
 }
 
@@ -422,8 +423,6 @@ int obj_import(struct import_job *job, struct why *why)
 	mesh_destroy(obj->mesh);
 	mtl_done(&obj->mtl);
 	names_done(&obj->part_names);
-	free(obj->vertices);
-	free(obj->normals);
 	free(obj->joined);
 	free(obj);
 	return r;

@@ -31,7 +31,6 @@ struct ply {
 	struct ply_header header;
 	struct mesh *mesh;
 	uint32_t part;
-	uint64_t *list; /* POLYGON_CORNERS_MAX */
 };
 
 static uint16_t load16(const uint8_t *bytes, bool big)
@@ -343,17 +342,19 @@ static int take_vertex_records(struct ply *ply, const struct ply_element *elemen
 static int take_list(struct ply *ply, const struct ply_property *property, uint64_t count,
 		     struct why *why)
 {
-	if (count > POLYGON_CORNERS_MAX)
-		return why_set(why, -EUCLEAN, "a face of %llu corners; at most %u are read",
-			       (unsigned long long)count, POLYGON_CORNERS_MAX);
+	int r = mesh_reserve(ply->mesh, count, why);
+
+	if (r < 0)
+		return r;
 	for (uint64_t i = 0; i < count; i++) {
 		double value;
-		int r = take_value(ply, property->type, &value, why);
 
+		r = take_value(ply, property->type, &value, why);
 		if (r < 0)
 			return r;
 		/* What is no whole number in reach becomes one that no table has. */
-		ply->list[i] = value >= 0.0 && value <= UINT32_MAX ? (uint64_t)value : MESH_NONE;
+		ply->mesh->face_vertices[i] =
+			value >= 0.0 && value <= UINT32_MAX ? (uint64_t)value : MESH_NONE;
 	}
 	return 0;
 }
@@ -361,7 +362,7 @@ static int take_list(struct ply *ply, const struct ply_property *property, uint6
 static int take_face(struct ply *ply, const struct ply_element *element, uint32_t list,
 		     struct why *why)
 {
-	struct mesh_face face = { .part = ply->part, .vertices = ply->list };
+	struct mesh_face face = { .part = ply->part };
 
 	for (uint32_t i = 0; i < element->property_count; i++) {
 		const struct ply_property *property = &element->properties[i];
@@ -587,9 +588,6 @@ int ply_import(struct import_job *job, struct why *why)
 	struct ply ply = { .job = job, .source = job->source };
 	int r = ply_header_read(job->source, &ply.header, why);
 
-	ply.list = malloc(POLYGON_CORNERS_MAX * sizeof(*ply.list));
-	if (r == 0 && !ply.list)
-		r = why_set(why, -ENOMEM, "no memory for faces");
 	if (r == 0)
 		r = ply_prepare(&ply, why);
 	for (uint32_t i = 0; i < ply.header.element_count && r == 0; i++)
@@ -597,7 +595,6 @@ int ply_import(struct import_job *job, struct why *why)
 	if (r == 0)
 		r = mesh_finish(ply.mesh, why);
 	mesh_destroy(ply.mesh);
-	free(ply.list);
 	ply_header_done(&ply.header);
 	return r;
 }
