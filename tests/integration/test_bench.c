@@ -110,6 +110,8 @@ static void pictures_are_exact(const char *folder, const char *build_options)
 {
 	assert_int_equal(
 		run(folder, "oocbuild --quiet --keep-ids %s -o m.ooc m.ply", build_options), 0);
+	/* GL drivers leak, and are gone when LeakSanitizer looks, so that it cannot name them. */
+	assert_int_equal(setenv("ASAN_OPTIONS", "detect_leaks=0", 0), 0);
 	if (run(folder, "oocbench exact m.ooc m.ply --views 4 --size 320x240 --json") != 0) {
 		size_t output_bytes;
 		size_t errors_bytes;
@@ -121,6 +123,7 @@ static void pictures_are_exact(const char *folder, const char *build_options)
 		free(errors);
 		fail();
 	}
+	assert_int_equal(unsetenv("ASAN_OPTIONS"), 0);
 	assert_true(said(folder, "output", "\"holds\": \"yes\""));
 }
 

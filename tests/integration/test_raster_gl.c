@@ -59,6 +59,13 @@ static double random_unit(void)
 	return (double)((z ^ z >> 31) >> 11) * 0x1p-53;
 }
 
+/* GL drivers leak, and are gone when LeakSanitizer looks, so that it cannot name them. */
+int __lsan_is_turned_off(void);
+int __lsan_is_turned_off(void)
+{
+	return 1;
+}
+
 /* ---- GL ---- */
 
 static EGLDisplay display;

@@ -221,9 +221,38 @@ static int payload_room_make(const struct exact *exact, struct payload_room *ret
 	return 0;
 }
 
+/*
+ * Which corner of a stored triangle is the input's first one.  Codecs turn triangles; that changes
+ * nothing but the last bit of depths, which decides ties.
+ */
+static uint32_t first_corner(const struct exact *exact, const struct payload_view *payload,
+			     uint32_t triangle, uint64_t item)
+{
+	double nearest2 = INFINITY;
+	uint32_t first = 0;
+	double input[3][3];
+
+	if (item >= exact->reference.triangle_count)
+		return 0;
+	reference_corners(&exact->reference, item, REFERENCE_SNAPPED, input);
+	for (uint32_t c = 0; c < 3; c++) {
+		double distance2 = 0.0;
+		double position[3];
+
+		payload_position(payload, payload_index(payload, triangle, c), position);
+		for (int k = 0; k < 3; k++)
+			distance2 += (position[k] - input[0][k]) * (position[k] - input[0][k]);
+		if (distance2 < nearest2) {
+			nearest2 = distance2;
+			first = c;
+		}
+	}
+	return first;
+}
+
 /* The payload's arrays as the rasteriser takes them. */
-static int payload_unpack(const struct payload_view *payload, struct payload_room *room,
-			  struct raster_draw *ret, struct why *why)
+static int payload_unpack(const struct exact *exact, const struct payload_view *payload,
+			  struct payload_room *room, struct raster_draw *ret, struct why *why)
 {
 	const struct payload_header *header = payload->header;
 	double scale = header->scale;
@@ -240,9 +269,13 @@ static int payload_unpack(const struct payload_view *payload, struct payload_roo
 				(float)((position[k] - header->origin[k]) / scale);
 	}
 	for (uint32_t i = 0; i < header->triangle_count; i++) {
-		for (uint32_t c = 0; c < 3; c++)
-			room->indices[3 * (size_t)i + c] = payload_index(payload, i, c);
+		uint32_t first;
+
 		memcpy(&room->items[i], &payload->triangle_ids[i], sizeof(room->items[i]));
+		first = first_corner(exact, payload, i, room->items[i]);
+		for (uint32_t c = 0; c < 3; c++)
+			room->indices[3 * (size_t)i + c] =
+				payload_index(payload, i, (first + c) % 3);
 	}
 	*ret = (struct raster_draw){ .positions = room->positions,
 				     .vertex_count = header->vertex_count,
@@ -271,7 +304,7 @@ static int draw_store(struct exact *exact, const struct camera_view *view, struc
 		if (r < 0)
 			break;
 		payload_view(room.payload, &payload);
-		r = payload_unpack(&payload, &room, &draw, why);
+		r = payload_unpack(exact, &payload, &room, &draw, why);
 		if (r < 0)
 			break;
 		camera_node_offset(view, payload.header->origin, draw.offset);
