@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <poll.h>
+#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
@@ -219,6 +220,15 @@ void connection_want_send(struct connection *connection)
 {
 	if (!connection->broken)
 		(void)sd_event_source_set_io_events(connection->socket_source, EPOLLIN | EPOLLOUT);
+}
+
+bool connection_is_quiet(struct connection *connection)
+{
+	struct pollfd poll_fd = { .fd = connection->socket_fd, .events = POLLIN };
+
+	/* The client writes to its socket, then reads shared memory; here it is the other way round. */
+	atomic_thread_fence(memory_order_seq_cst);
+	return poll(&poll_fd, 1, 0) == 0;
 }
 
 pid_t connection_pid(const struct connection *connection)

@@ -66,6 +66,12 @@ bool connection_can_send(struct connection *connection);
 /** Asks for writable() once. */
 void connection_want_send(struct connection *connection);
 
+/**
+ * Is everything read that the client has sent?  What comes next was then sent after all that this
+ * thread has written to shared memory before the call.
+ */
+bool connection_is_quiet(struct connection *connection);
+
 pid_t connection_pid(const struct connection *connection);
 uid_t connection_uid(const struct connection *connection);
 

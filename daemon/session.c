@@ -441,6 +441,8 @@ void session_tell(struct session *session, uint64_t used_bytes)
 {
 	struct wire_session_page *page = session->page;
 
+	if (visible_wants_quiet(&session->visible) && connection_is_quiet(session->connection))
+		visible_note_quiet(&session->visible);
 	visible_settle(&session->visible);
 	pump(session);
 	atomic_store_explicit(&page->cache_bytes, session->cache->budget_bytes,

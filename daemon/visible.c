@@ -59,6 +59,16 @@ static void hold(struct visible *visible, struct want *want)
 		fills_upgrade(visible->fills, served_of(visible, want), want->node);
 }
 
+static void set_revoked(struct visible *visible, struct want *want, bool revoked)
+{
+	if (want->revoked == revoked)
+		return;
+	want->revoked = revoked;
+	visible->revoked_count += revoked ? 1 : -1u;
+	if (revoked)
+		visible->quiet = false;
+}
+
 static void release(struct visible *visible, struct want *want)
 {
 	CHECK(want->holding);
@@ -70,7 +80,7 @@ static void release(struct visible *visible, struct want *want)
 	 */
 	atomic_thread_fence(memory_order_release);
 	want->holding = false;
-	want->revoked_serial = 0;
+	set_revoked(visible, want, false);
 	visible->held_count--;
 	visible->held_pages -= pages_of(visible, want);
 	cache_release(visible->cache, served_of(visible, want), want->node);
@@ -122,9 +132,9 @@ static void admit_one(struct visible *visible, struct want *want)
 	struct node *node = node_of(visible, want);
 
 	if (want->holding) {
-		if (want->revoked_serial > 0)
+		if (want->revoked)
 			grant_set(visible, want, true);
-		want->revoked_serial = 0;
+		set_revoked(visible, want, false);
 	} else if (node->state != NODE_ABSENT) {
 		hold(visible, want);
 	}
@@ -143,10 +153,10 @@ static void admit_one(struct visible *visible, struct want *want)
 
 static void revoke(struct visible *visible, struct want *want)
 {
-	if (want->revoked_serial > 0)
+	if (want->revoked)
 		return;
 	grant_set(visible, want, false);
-	want->revoked_serial = visible->serial;
+	set_revoked(visible, want, true);
 }
 
 /* Pages that only this session keeps from being evicted, or would. */
@@ -381,16 +391,18 @@ static struct want make_want(struct visible *visible, const struct wire_entry *e
 			served->counters.misses++;
 		return want;
 	}
-	if (before->revoked_serial > 0 && retire)
+	/* The set came after the socket was quiet, so it was sent after the grants were cleared. */
+	if (before->revoked && retire && visible->quiet)
 		release(visible, before);
 	want.holding = before->holding;
-	want.revoked_serial = before->revoked_serial;
+	want.revoked = before->revoked;
 	if (before->state == WANT_REFUSED) {
 		want.state = WANT_REFUSED;
 		want.reason = before->reason;
 	}
 	/* Its hold is the new want's from here on. */
 	before->holding = false;
+	before->revoked = false;
 	return want;
 }
 
@@ -502,7 +514,7 @@ void visible_retire(struct visible *visible, uint64_t serial)
 	serial = u64_min(serial, visible->serial);
 	for (uint32_t i = visible->total; i-- > 0;) {
 		struct want *want = &visible->wants[i];
-		bool revoked = want->revoked_serial > 0 && want->revoked_serial < serial;
+		bool revoked = want->revoked && visible->quiet && serial > visible->quiet_serial;
 		bool retained = want->state == WANT_RETAINED;
 
 		if (!revoked && !(retained && want->serial < serial))
@@ -511,6 +523,12 @@ void visible_retire(struct visible *visible, uint64_t serial)
 		if (retained)
 			retained_remove(visible, i);
 	}
+}
+
+void visible_note_quiet(struct visible *visible)
+{
+	visible->quiet = true;
+	visible->quiet_serial = visible->serial;
 }
 
 void visible_retry(struct visible *visible)
@@ -645,7 +663,8 @@ static void want_check(const struct visible *visible, uint32_t index)
 
 	CHECK(visible->attachments[want->slot]->want_of_node[want->node] == index + 1);
 	CHECK((want->state == WANT_RETAINED) == (index >= visible->count));
-	CHECK(granted == (want->holding && want->revoked_serial == 0));
+	CHECK(granted == (want->holding && !want->revoked));
+	CHECK(want->holding || !want->revoked);
 	switch (want->state) {
 	case WANT_QUEUED:
 		CHECK(!want->holding && index >= visible->next_queued);
@@ -672,6 +691,7 @@ void visible_check(const struct visible *visible)
 {
 	uint32_t counts[WANT_STATE_COUNT_] = { 0 };
 	uint32_t held_count = 0;
+	uint32_t revoked_count = 0;
 	uint64_t held_pages = 0;
 	uint32_t untold_count = 0;
 	uint32_t full_count = 0;
@@ -683,11 +703,13 @@ void visible_check(const struct visible *visible)
 		want_check(visible, i);
 		counts[want->state]++;
 		held_count += want->holding;
+		revoked_count += want->revoked;
 		held_pages += want->holding ? pages_of(visible, want) : 0;
 		untold_count += refused && want->told != want->reason;
 		full_count += refused && is_for_room(want->reason);
 	}
 	CHECK(memcmp(counts, visible->counts, sizeof(counts)) == 0);
 	CHECK(held_count == visible->held_count && held_pages == visible->held_pages);
+	CHECK(revoked_count == visible->revoked_count);
 	CHECK(untold_count == visible->untold_count && full_count == visible->full_count);
 }

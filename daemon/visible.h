@@ -24,8 +24,9 @@
  * Room: what the session may hold is the cache without what others hold, and without what turned
  * out to be of no use because what is held lies scattered.  The set is walked from
  * its most important node; what no longer fits is refused, and a hold on it is *revoked*: its grant
- * bit is cleared at once, the hold itself is given up when the client has retired the sets before
- * the next one, for until then it may be drawing the node.
+ * bit is cleared at once, the hold itself is given up later, for the client may be drawing the node.
+ * It is given up when the client retires what it drew before a set that it surely sent after the bit
+ * was cleared: one that came after its socket had been seen empty (visible_note_quiet).
  *
  * Order towards clients (all of it is in daemon/README.md): a grant is cleared before its hold is
  * given up, and `acknowledged` is written after all grants of the set are right.
@@ -60,14 +61,14 @@ enum want_state {
 };
 
 struct want {
-	uint64_t serial;         /* newest set that has it */
-	uint64_t revoked_serial; /* 0, or the set at which its grant was cleared */
-	uint32_t slot;           /* of the store */
+	uint64_t serial; /* newest set that has it */
+	uint32_t slot;   /* of the store */
 	uint32_t node;
 	enum want_state state;
 	enum wire_reason reason; /* while REFUSED */
 	enum wire_reason told;   /* the last reason that the client was told in this set */
 	bool holding;
+	bool revoked; /* holding, but its grant was cleared */
 };
 
 struct visible {
@@ -97,6 +98,10 @@ struct visible {
 	uint64_t full_at_bytes;
 	/* Pages of the cache that were then held by nobody and yet of no use: what is held is scattered. */
 	uint64_t unusable_pages;
+
+	uint32_t revoked_count;
+	bool quiet; /* since the last revocation the client's socket was seen empty, at quiet_serial */
+	uint64_t quiet_serial;
 
 	uint32_t held_count; /* holds */
 	uint64_t held_pages;
@@ -135,6 +140,15 @@ int visible_take(struct visible *visible, const struct wire_entry *entries, uint
 
 /** Sets before `serial` are no longer drawn. */
 void visible_retire(struct visible *visible, uint64_t serial);
+
+/** Is it worth looking whether the socket is empty? */
+static inline bool visible_wants_quiet(const struct visible *visible)
+{
+	return visible->revoked_count > 0 && !visible->quiet;
+}
+
+/** Nothing that the client has sent is unread: what comes next was sent after all that was done. */
+void visible_note_quiet(struct visible *visible);
 
 /** Admits again what was refused for room, if enough of it has appeared. */
 void visible_retry(struct visible *visible);

@@ -134,8 +134,7 @@ static void a_walk_through_a_small_cache_is_always_drawn_right(void **state)
 	}
 	assert_true(kit_status_number(client, "evictions") > 100);
 	/* Alone, every miss is one fetch. */
-	assert_int_equal(kit_status_number(client, "misses"),
-			 kit_status_number(client, "fetches"));
+	assert_int_equal(kit_status_number(client, "misses"), kit_status_number(client, "fetches"));
 	kit_disconnect(client);
 	assert_int_equal(kit_daemon_stop(&daemon, SIGTERM), 0);
 }

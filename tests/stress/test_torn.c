@@ -138,8 +138,9 @@ static _Noreturn void reader_main(const struct kit_daemon *daemon, const char *p
 		uint64_t serial = reader->client->serial;
 
 		take_what_came(reader);
-		/* One set unanswered at most; mostly one is seen whole before the next. */
-		if (atomic_load_explicit(rand_r(&seed) % 16 ? &page->settled : &page->acknowledged,
+		/* Mostly a set is seen whole before the next; now and then it is not even answered. */
+		if (rand_r(&seed) % 64 == 0 ||
+		    atomic_load_explicit(rand_r(&seed) % 16 ? &page->settled : &page->acknowledged,
 					 memory_order_acquire) == serial)
 			next_set(reader, &seed);
 		for (uint32_t i = 0; i < SET_NODES; i++)
