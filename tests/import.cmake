@@ -8,6 +8,8 @@ foreach(name test_number test_source test_polygon test_join test_ply test_obj te
 endforeach()
 oocd_test(test_assimp integration
 	SOURCES integration/test_assimp.c LINK oocd_import_kit Threads::Threads)
+oocd_test(test_assimp_frames integration
+	SOURCES integration/test_assimp_frames.c LINK oocd_import_kit)
 oocd_test(test_import_data integration
 	SOURCES integration/test_import_data.c LINK oocd_import_kit TIMEOUT 300)
 
