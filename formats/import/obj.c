@@ -11,7 +11,7 @@
 
 #include "formats/base/bytes.h"
 #include "formats/import/colour.h"
-#include "formats/import/mesh.h"
+#include "formats/import/faces.h"
 #include "formats/import/mtl.h"
 #include "formats/import/number.h"
 
@@ -22,7 +22,7 @@
 struct obj {
 	struct import_job *job;
 	struct source *source;
-	struct mesh *mesh;
+	struct faces *faces;
 	struct mtl mtl;
 	bool has_vertices;
 
@@ -81,16 +81,16 @@ static int take_vertex(struct obj *obj, const char *at, struct why *why)
 		rgb_count++;
 	}
 	obj->has_vertices = true;
-	if (!obj->mesh->layout.colours)
-		return mesh_add_vertices(obj->mesh, &record, 1, why);
+	if (!obj->faces->layout.colours)
+		return faces_add_vertices(obj->faces, &record, 1, why);
 	if (rgb_count == 3) {
 		/* Most say 0 to 1, some 0 to 255. */
 		double scale = rgb[0] > 1.0 || rgb[1] > 1.0 || rgb[2] > 1.0 ? 1.0 / 255.0 : 1.0;
 
 		record.colour = colour_from_rgb(rgb[0] * scale, rgb[1] * scale, rgb[2] * scale);
-		obj->mesh->colours_present = true;
+		obj->faces->colours_present = true;
 	}
-	return mesh_add_vertices(obj->mesh, &record, 1, why);
+	return faces_add_vertices(obj->faces, &record, 1, why);
 }
 
 static int take_normal(struct obj *obj, const char *at, struct why *why)
@@ -102,7 +102,7 @@ static int take_normal(struct obj *obj, const char *at, struct why *why)
 		if (!at)
 			return line_fault(obj, why, "three numbers are wanted behind \"vn\"");
 	}
-	return mesh_add_normal(obj->mesh, normal, why);
+	return faces_add_normal(obj->faces, normal, why);
 }
 
 /* ---- names, parts, materials ---- */
@@ -141,7 +141,7 @@ static int find_part(struct obj *obj, struct why *why)
 	if (number == UINT32_MAX) {
 		r = names_add(&obj->part_names, key, &number, why);
 		if (r == 0)
-			r = mesh_part(obj->mesh, &part, &number, why);
+			r = faces_part(obj->faces, &part, &number, why);
 		if (r < 0)
 			return r;
 	}
@@ -209,7 +209,7 @@ static inline uint64_t resolve(int64_t index, uint64_t count)
 {
 	if (index > 0)
 		return (uint64_t)index - 1;
-	return index < 0 && (uint64_t)-index <= count ? count - (uint64_t)-index : MESH_NONE;
+	return index < 0 && (uint64_t)-index <= count ? count - (uint64_t)-index : FACES_NONE;
 }
 
 /* "v", "v/t", "v//n" or "v/t/n".  *normal stays 0 when there is none. */
@@ -235,9 +235,9 @@ static const char *take_corner(const char *at, int64_t *vertex, int64_t *normal)
 
 static int take_face(struct obj *obj, const char *at, struct why *why)
 {
-	uint64_t vertex_count = mesh_vertex_count(obj->mesh);
-	uint64_t normal_count = mesh_normal_count(obj->mesh);
-	struct mesh_face face = { .normals = true };
+	uint64_t vertex_count = faces_vertex_count(obj->faces);
+	uint64_t normal_count = faces_normal_count(obj->faces);
+	struct face face = { .normals = true };
 	int r;
 
 	for (at = skip_gaps(at); *at != '\n' && *at != '\0'; at = skip_gaps(at)) {
@@ -246,14 +246,14 @@ static int take_face(struct obj *obj, const char *at, struct why *why)
 		at = take_corner(at, &vertex, &normal);
 		if (!at || (!is_gap(*at) && *at != '\n' && *at != '\0'))
 			return line_fault(obj, why, "a corner of a face is wanted, such as 1/2/3");
-		r = mesh_reserve(obj->mesh, face.corner_count + UINT64_C(1), why);
+		r = faces_reserve(obj->faces, face.corner_count + UINT64_C(1), why);
 		if (r < 0) {
 			why_prefix(why, "line %llu", (unsigned long long)obj->source->line);
 			return r;
 		}
 		face.normals &= normal != 0;
-		obj->mesh->face_vertices[face.corner_count] = resolve(vertex, vertex_count);
-		obj->mesh->face_normals[face.corner_count] = resolve(normal, normal_count);
+		obj->faces->face_vertices[face.corner_count] = resolve(vertex, vertex_count);
+		obj->faces->face_normals[face.corner_count] = resolve(normal, normal_count);
 		face.corner_count++;
 	}
 	if (obj->part_stale) {
@@ -262,7 +262,7 @@ static int take_face(struct obj *obj, const char *at, struct why *why)
 			return r;
 	}
 	face.part = obj->part;
-	r = mesh_add_face(obj->mesh, &face, why);
+	r = faces_add_face(obj->faces, &face, why);
 	/* What the sink says is about itself, not about the line. */
 	if (r == -EUCLEAN)
 		why_prefix(why, "line %llu", (unsigned long long)obj->source->line);
@@ -390,18 +390,18 @@ static int take_lines(struct obj *obj, struct why *why)
 
 static int obj_prepare(struct obj *obj, struct why *why)
 {
-	const struct mesh_layout layout = {
+	const struct faces_layout layout = {
 		.positions_double = true,
 		.colours = obj->job->options->colour <= IMPORT_COLOUR_VERTEX,
 		.normal_table = true,
 	};
 
-	/* A quarter of the memory for names; the mesh has the rest. */
+	/* A quarter of the memory for names; the vertices have the rest. */
 	mtl_init(&obj->mtl, obj->job->memory_bytes / 8);
 	names_init(&obj->part_names, obj->job->memory_bytes / 8);
 	obj->job->memory_bytes -= obj->job->memory_bytes / 4;
 	obj->part_stale = true;
-	return mesh_create(obj->job, &layout, &obj->mesh, why);
+	return faces_create(obj->job, &layout, &obj->faces, why);
 }
 
 int obj_import(struct import_job *job, struct why *why)
@@ -419,8 +419,8 @@ int obj_import(struct import_job *job, struct why *why)
 	if (r == 0 && !obj->has_vertices)
 		r = why_set(why, -EUCLEAN, "it is no OBJ file: it has no vertices");
 	if (r == 0)
-		r = mesh_finish(obj->mesh, why);
-	mesh_destroy(obj->mesh);
+		r = faces_finish(obj->faces, why);
+	faces_destroy(obj->faces);
 	mtl_done(&obj->mtl);
 	names_done(&obj->part_names);
 	free(obj->joined);

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "formats/base/bytes.h"
-#include "formats/import/mesh.h"
+#include "formats/import/faces.h"
 #include "formats/import/ply_header.h"
 
 /* Rows of vertices that are made at a time. */
@@ -29,7 +29,7 @@ struct ply {
 	struct import_job *job;
 	struct source *source;
 	struct ply_header header;
-	struct mesh *mesh;
+	struct faces *faces;
 	uint32_t part;
 };
 
@@ -218,7 +218,7 @@ static uint8_t colour_byte(double value, enum ply_type type)
 }
 
 /* Writes one value where the record has its place. */
-static void store_field(const struct mesh *mesh, const struct ply_property *property,
+static void store_field(const struct faces *faces, const struct ply_property *property,
 			struct ply_field field, double value, uint8_t *record)
 {
 	float single = (float)value;
@@ -227,18 +227,18 @@ static void store_field(const struct mesh *mesh, const struct ply_property *prop
 	case ROLE_NONE:
 		break;
 	case ROLE_POSITION:
-		if (mesh->layout.positions_double)
+		if (faces->layout.positions_double)
 			memcpy(record + 8 * field.axis, &value, 8);
 		else
 			memcpy(record + 4 * field.axis, &single, 4);
 		break;
 	case ROLE_NORMAL:
-		if (mesh->layout.normals)
-			memcpy(record + mesh->normal_offset + 4 * field.axis, &single, 4);
+		if (faces->layout.normals)
+			memcpy(record + faces->normal_offset + 4 * field.axis, &single, 4);
 		break;
 	case ROLE_COLOUR:
-		if (mesh->layout.colours)
-			record[mesh->colour_offset + field.axis] =
+		if (faces->layout.colours)
+			record[faces->colour_offset + field.axis] =
 				colour_byte(value, property->type);
 		break;
 	}
@@ -262,15 +262,15 @@ static int take_vertex(struct ply *ply, const struct ply_element *element,
 		r = take_value(ply, property->type, &value, why);
 		if (r < 0)
 			return r;
-		store_field(ply->mesh, property, fields[i], value, record);
+		store_field(ply->faces, property, fields[i], value, record);
 	}
 	return 0;
 }
 
 static int take_vertices(struct ply *ply, const struct ply_element *element, struct why *why)
 {
-	struct mesh *mesh = ply->mesh;
-	uint32_t record_bytes = mesh->vertices.record_bytes;
+	struct faces *faces = ply->faces;
+	uint32_t record_bytes = faces->vertices.record_bytes;
 	struct ply_field fields[PLY_PROPERTIES_MAX];
 	uint8_t *records = calloc(ROWS_MAX, record_bytes);
 	int r = 0;
@@ -279,26 +279,26 @@ static int take_vertices(struct ply *ply, const struct ply_element *element, str
 		return why_set(why, -ENOMEM, "no memory for vertices");
 	for (uint32_t i = 0; i < element->property_count; i++)
 		fields[i] = field_of_property(&element->properties[i]);
-	if (mesh->layout.colours)
+	if (faces->layout.colours)
 		for (uint32_t i = 0; i < ROWS_MAX; i++)
-			records[i * record_bytes + mesh->colour_offset + 3] = 255;
+			records[i * record_bytes + faces->colour_offset + 3] = 255;
 	for (uint64_t done = 0; done < element->count && r == 0;) {
 		uint32_t rows = (uint32_t)u64_min(element->count - done, ROWS_MAX);
 
 		for (uint32_t i = 0; i < rows && r == 0; i++)
 			r = take_vertex(ply, element, fields, records + i * record_bytes, why);
 		if (r == 0)
-			r = mesh_add_vertices(mesh, records, rows, why);
+			r = faces_add_vertices(faces, records, rows, why);
 		done += rows;
 	}
 	free(records);
 	return r;
 }
 
-/* Are the rows of the file the records that the mesh keeps, byte for byte? */
+/* Are the rows of the file the records that are kept, byte for byte? */
 static bool vertices_are_records(const struct ply *ply, const struct ply_element *element)
 {
-	const struct mesh_layout *layout = &ply->mesh->layout;
+	const struct faces_layout *layout = &ply->faces->layout;
 
 	if (ply->header.encoding != PLY_LITTLE_ENDIAN || element->has_list || layout->colours ||
 	    element->property_count != (layout->normals ? 6u : 3u))
@@ -318,7 +318,7 @@ static bool vertices_are_records(const struct ply *ply, const struct ply_element
 static int take_vertex_records(struct ply *ply, const struct ply_element *element, struct why *why)
 {
 	struct source *source = ply->source;
-	uint32_t row_bytes = ply->mesh->vertices.record_bytes;
+	uint32_t row_bytes = ply->faces->vertices.record_bytes;
 
 	for (uint64_t done = 0; done < element->count;) {
 		uint64_t rows;
@@ -328,7 +328,7 @@ static int take_vertex_records(struct ply *ply, const struct ply_element *elemen
 			return r;
 		rows = u64_min((uint64_t)(source->end - source->at) / row_bytes,
 			       element->count - done);
-		r = mesh_add_vertices(ply->mesh, source->at, rows, why);
+		r = faces_add_vertices(ply->faces, source->at, rows, why);
 		if (r < 0)
 			return r;
 		source->at += rows * row_bytes;
@@ -342,7 +342,7 @@ static int take_vertex_records(struct ply *ply, const struct ply_element *elemen
 static int take_list(struct ply *ply, const struct ply_property *property, uint64_t count,
 		     struct why *why)
 {
-	int r = mesh_reserve(ply->mesh, count, why);
+	int r = faces_reserve(ply->faces, count, why);
 
 	if (r < 0)
 		return r;
@@ -353,8 +353,8 @@ static int take_list(struct ply *ply, const struct ply_property *property, uint6
 		if (r < 0)
 			return r;
 		/* What is no whole number in reach becomes one that no table has. */
-		ply->mesh->face_vertices[i] =
-			value >= 0.0 && value <= UINT32_MAX ? (uint64_t)value : MESH_NONE;
+		ply->faces->face_vertices[i] =
+			value >= 0.0 && value <= UINT32_MAX ? (uint64_t)value : FACES_NONE;
 	}
 	return 0;
 }
@@ -362,7 +362,7 @@ static int take_list(struct ply *ply, const struct ply_property *property, uint6
 static int take_face(struct ply *ply, const struct ply_element *element, uint32_t list,
 		     struct why *why)
 {
-	struct mesh_face face = { .part = ply->part };
+	struct face face = { .part = ply->part };
 
 	for (uint32_t i = 0; i < element->property_count; i++) {
 		const struct ply_property *property = &element->properties[i];
@@ -382,7 +382,7 @@ static int take_face(struct ply *ply, const struct ply_element *element, uint32_
 			return r;
 		face.corner_count = (uint32_t)count;
 	}
-	return mesh_add_face(ply->mesh, &face, why);
+	return faces_add_face(ply->faces, &face, why);
 }
 
 /* Rows of "list uchar int vertex_indices" and nothing else: the usual ones, and most of the time. */
@@ -409,8 +409,8 @@ static int take_usual_triangles(struct ply *ply, uint64_t count_max, uint64_t *r
 		int r;
 
 		memcpy(indices, at + 1, sizeof(indices));
-		r = mesh_add_triangle(ply->mesh, ply->part,
-				      (uint64_t[3]){ indices[0], indices[1], indices[2] }, why);
+		r = faces_add_triangle(ply->faces, ply->part,
+				       (uint64_t[3]){ indices[0], indices[1], indices[2] }, why);
 		if (r < 0)
 			return r;
 	}
@@ -462,13 +462,14 @@ static int take_strip(struct ply *ply, const struct ply_property *property, stru
 		}
 		corners[0] = corners[1];
 		corners[1] = corners[2];
-		corners[2] = value >= 0.0 && value <= UINT32_MAX ? (uint64_t)value : MESH_NONE;
+		corners[2] = value >= 0.0 && value <= UINT32_MAX ? (uint64_t)value : FACES_NONE;
 		if (++run < 3)
 			continue;
-		r = mesh_add_triangle(ply->mesh, ply->part,
-				      run & 1 ? (uint64_t[3]){ corners[0], corners[1], corners[2] }
-					      : (uint64_t[3]){ corners[1], corners[0], corners[2] },
-				      why);
+		r = faces_add_triangle(
+			ply->faces, ply->part,
+			run & 1 ? (uint64_t[3]){ corners[0], corners[1], corners[2] }
+				: (uint64_t[3]){ corners[1], corners[0], corners[2] },
+			why);
 		if (r < 0)
 			return r;
 	}
@@ -536,12 +537,12 @@ static bool faces_come_first(const struct ply_header *header)
 	return false;
 }
 
-/* Makes the mesh as the vertices want it. */
+/* Makes room as the vertices want it. */
 static int ply_prepare(struct ply *ply, struct why *why)
 {
 	const struct import_part part = { .colour = IMPORT_COLOUR_DEFAULT };
 	const struct ply_element *vertices = NULL;
-	struct mesh_layout layout = { 0 };
+	struct faces_layout layout = { 0 };
 	int r;
 
 	for (uint32_t i = 0; i < ply->header.element_count; i++)
@@ -556,16 +557,16 @@ static int ply_prepare(struct ply *ply, struct why *why)
 	layout.normals = has_axes(vertices, ROLE_NORMAL);
 	layout.colours = has_axes(vertices, ROLE_COLOUR) &&
 			 ply->job->options->colour <= IMPORT_COLOUR_VERTEX;
-	r = mesh_create(ply->job, &layout, &ply->mesh, why);
+	r = faces_create(ply->job, &layout, &ply->faces, why);
 	if (r < 0)
 		return r;
-	ply->mesh->colours_present = layout.colours;
+	ply->faces->colours_present = layout.colours;
 	if (faces_come_first(&ply->header))
-		r = mesh_defer(ply->mesh, why);
+		r = faces_defer(ply->faces, why);
 	if (r == 0)
-		r = mesh_expect_vertices(ply->mesh, vertices->count, why);
+		r = faces_expect_vertices(ply->faces, vertices->count, why);
 	if (r == 0)
-		r = mesh_part(ply->mesh, &part, &ply->part, why);
+		r = faces_part(ply->faces, &part, &ply->part, why);
 	return r;
 }
 
@@ -593,8 +594,8 @@ int ply_import(struct import_job *job, struct why *why)
 	for (uint32_t i = 0; i < ply.header.element_count && r == 0; i++)
 		r = take_element(&ply, &ply.header.elements[i], why);
 	if (r == 0)
-		r = mesh_finish(ply.mesh, why);
-	mesh_destroy(ply.mesh);
+		r = faces_finish(ply.faces, why);
+	faces_destroy(ply.faces);
 	ply_header_done(&ply.header);
 	return r;
 }
