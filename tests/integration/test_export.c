@@ -18,7 +18,7 @@
 #include "tests/helper.h"
 #include "tests/integration/triangles.h"
 
-#define SOUP_TRIANGLES 3000u
+#define SOUP_TRIANGLES 2000u
 
 static char output[8192];
 
@@ -43,7 +43,7 @@ static void a_plant_comes_back_from_every_layout_and_codec(void **state)
 	};
 
 	assert_int_equal(test_command(output, sizeof(output),
-				      "\"$OOCD_BIN\"/oocgen plant --triangles 20000 --seed 7 "
+				      "\"$OOCD_BIN\"/oocgen plant --triangles 10000 --seed 7 "
 				      "-o %s/model.ply",
 				      (char *)*state),
 			 0);

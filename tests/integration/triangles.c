@@ -30,9 +30,13 @@ static void add_triangle(struct triangles *triangles, double (*const corners[3])
 	for (unsigned i = 1; i < 3; i++)
 		if (memcmp(*corners[i], *corners[least], sizeof(*corners[i])) < 0)
 			least = i;
-	triangles->list =
-		realloc(triangles->list, (triangles->count + 1) * sizeof(*triangles->list));
-	assert_non_null(triangles->list);
+	/* Room for the next power of two, whenever one is full. */
+	if ((triangles->count & (triangles->count - 1)) == 0) {
+		size_t room = triangles->count ? triangles->count * 2 : 1;
+
+		triangles->list = realloc(triangles->list, room * sizeof(*triangles->list));
+		assert_non_null(triangles->list);
+	}
 	triangle = &triangles->list[triangles->count++];
 	for (unsigned i = 0; i < 3; i++)
 		memcpy(triangle->corners[i], *corners[(least + i) % 3],
