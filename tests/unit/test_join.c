@@ -16,17 +16,12 @@
 /* What value number i is. */
 struct value {
 	uint64_t number;
-	uint32_t mixed;
+	uint64_t mixed;
 };
 
 static struct value value_of(uint64_t number)
 {
-	struct value value;
-
-	memset(&value, 0, sizeof(value));
-	value.number = number;
-	value.mixed = (uint32_t)(number * UINT64_C(2654435761));
-	return value;
+	return (struct value){ number, number * UINT64_C(2654435761) };
 }
 
 static uint64_t next_random(uint64_t *seed)

@@ -46,8 +46,7 @@ static void blanks_line_ends_and_continuations_change_nothing(void **state)
 		"v 0 0 0\r\nv 1 0 0\r\nv 1 1 0\r\nv 0 1 0\r\nf 1 2 3 4\r\n",
 		"\t v\t0 0  0 \nv 1 0 0\nv 1 1 0\n\n# a comment\nv 0 1 0\n  f  1 2\t3 4  \n",
 		"v 0 0 0\nv 1 0 \\\n0\nv 1 1 0\nv 0 \\\r\n1 \\\r\n0\nf 1 2 \\\n3 \\\n4\n",
-		"#\nv 0 0 0 1.0\nv 1 0 0 1.0\nv 1 1 0 1.0\nv 0 1 0 1.0\nvt 0 0\nvp 1 1\ns off\nf 1 2 3 4\n"
-		"l 1 2\np 1\ncurv 0 1 2 3\n",
+		"#\nv 0 0 0 1.0\nv 1 0 0 1.0\nv 1 1 0 1.0\nv 0 1 0 1.0\nvt 0 0\nvp 1 1\ns off\nf 1 2 3 4\nl 1 2\n",
 	};
 
 	for (size_t i = 0; i < ARRAY_LENGTH(texts); i++)
