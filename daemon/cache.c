@@ -156,12 +156,12 @@ static bool grow(struct cache *cache, struct served *served)
 	return true;
 }
 
-/* Ahead of need, so that a fetch seldom waits for memory to be populated. */
+/* A segment ahead of need, so that a fetch seldom waits for memory to be populated. */
 static void grow_ahead(struct cache *cache, struct served *served)
 {
 	const struct store_superblock *superblock = served->superblock;
 
-	if (arena_free_pages(&served->arena) * WIRE_PAGE_BYTES < served->arena.segment_bytes / 4 &&
+	if (arena_free_pages(&served->arena) * WIRE_PAGE_BYTES < served->arena.segment_bytes &&
 	    arena_bytes(&served->arena) < superblock->payload_raw_bytes)
 		(void)grow(cache, served);
 }

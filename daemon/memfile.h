@@ -44,7 +44,7 @@ enum memfile_content {
  * huge:   try to have it in 2 MiB pages.  What was got is in huge_bytes.
  *
  * Returns: 0, -ENOMEM, -ENOSPC or another -errno; *ret is MEMFILE_NONE then.
- * May block: for a second a GiB with huge.
+ * May block: for 0.1 to 0.5 s a GiB.
  */
 int memfile_create(const char *name, uint64_t bytes, bool huge, struct memfile *ret,
 		   struct why *why);

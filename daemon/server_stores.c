@@ -342,7 +342,7 @@ void server_make_segment(void *arg, struct served *served)
 	self->served = served;
 	self->bytes = served->arena.segment_bytes;
 	self->memfile = MEMFILE_NONE;
-	workers_add(server->workers, &self->job);
+	workers_add_first(server->workers, &self->job);
 }
 
 void server_segment_gone(void *arg, struct served *served, struct segment *segment)

@@ -131,13 +131,26 @@ int workers_create(uint32_t count, struct workers **ret, struct why *why)
 	return 0;
 }
 
-void workers_add(struct workers *workers, struct worker_job *job)
+static void add(struct workers *workers, struct worker_job *job, bool first)
 {
 	workers->job_count++;
 	(void)pthread_mutex_lock(&workers->mutex);
-	list_push_back(&workers->todo, &job->link);
+	if (first)
+		list_push_front(&workers->todo, &job->link);
+	else
+		list_push_back(&workers->todo, &job->link);
 	(void)pthread_cond_signal(&workers->wake);
 	(void)pthread_mutex_unlock(&workers->mutex);
+}
+
+void workers_add(struct workers *workers, struct worker_job *job)
+{
+	add(workers, job, false);
+}
+
+void workers_add_first(struct workers *workers, struct worker_job *job)
+{
+	add(workers, job, true);
 }
 
 uint32_t workers_job_count(const struct workers *workers)

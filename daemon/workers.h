@@ -36,6 +36,8 @@ struct workers *workers_destroy(struct workers *workers);
 
 /** Queues a job; run and done are set, link is not on a list. */
 void workers_add(struct workers *workers, struct worker_job *job);
+/** Queues it before all others: many wait for what it makes. */
+void workers_add_first(struct workers *workers, struct worker_job *job);
 
 /** Jobs that were added and have not come back. */
 uint32_t workers_job_count(const struct workers *workers);
