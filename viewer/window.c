@@ -29,6 +29,8 @@
 #define IDLE_WAIT_S    0.25
 /* How long a message stays. */
 #define MESSAGE_NS (6 * NS_PER_S)
+/* How often bytes a second are told anew where nothing else is. */
+#define RATE_NS (NS_PER_S / 4)
 /* A pause in the loop is no long step of the walker. */
 #define STEP_S_MAX 0.1
 #define BUDGET_MIN 1000u
@@ -45,6 +47,7 @@ struct window {
 	struct gesture gesture;
 	double cursor[2]; /* pixels of the picture, from the upper left */
 	uint64_t now_ns;
+	uint64_t shown_ns; /* when the window was last painted */
 
 	bool must_draw; /* the picture would differ from the one shown */
 	bool must_show; /* only what lies over it would */
@@ -55,6 +58,7 @@ struct window {
 
 	struct frame_report report; /* of the picture shown */
 	struct window_rate rate;
+	bool shows_rate;       /* the text says that bytes come: it must be told when none do */
 	size_t drawable_count; /* of the picture shown, as the client says */
 
 	bool is_playing; /* the path */
@@ -484,6 +488,7 @@ static void add_texts(struct window *window)
 			.is_walking = window->gesture.is_walking,
 		};
 
+		window->shows_rate = facts.bytes_per_s > 0.0;
 		hud_add(window->hud, HUD_TOP_LEFT, window_text_state(&facts, text));
 	}
 	if (window->message_ns)
@@ -503,6 +508,7 @@ static void present(struct window *window)
 	hud_draw(window->hud, window->target.width, window->target.height);
 	glfwSwapBuffers(window->handle);
 	window->must_show = false;
+	window->shown_ns = window->now_ns;
 }
 
 /* Moves on along the path, when it is time. */
@@ -614,6 +620,8 @@ static int turn_of_loop(struct window *window)
 		window->message_ns = 0;
 		window->must_show = true;
 	}
+	if (window->shows_rate && window->now_ns - window->shown_ns > RATE_NS)
+		window->must_show = true;
 	look_for_news(window);
 	r = fit_target(window);
 	if (r == 0 && window->must_draw)
