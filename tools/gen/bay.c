@@ -182,11 +182,16 @@ static void make_hall_shell(struct mesh *mesh, const struct plant *plant, unsign
 	solid_plate(mesh, &part, &roof);
 
 	part = (struct frame){ corner->x, corner->z, at(0, -1, 0), corner->origin };
-	for (double z = 0; z + 4 < height; z += 4.5) {
+	for (double z = 0; z + 4 < height; z += BAY_FLOOR_HEIGHT) {
 		struct frame wall = frame_at(&part, 0, z, 0);
 
 		bay_wall(mesh, &wall, random, z > 0 ? WALL_OUTER : WALL_OUTER_GROUND, width,
-			 fmin(4.4, height - z));
+			 fmin(BAY_FLOOR_HEIGHT - 0.07, height - z));
+		/* Behind the joint of two walls. */
+		machine_paint(mesh, PAINT_STRUCTURE);
+		if (z > 0)
+			machine_beam(mesh, corner, at(0.3, 0.21, z - 0.03),
+				     at(width - 0.3, 0.21, z - 0.03), 0.2);
 	}
 	machine_paint(mesh, PAINT_STRUCTURE);
 	for (unsigned i = 0; i <= (column + 1 == plant->column_count); i++) {
@@ -272,9 +277,9 @@ static void make_hall(struct mesh *mesh, const struct plant *plant, unsigned col
 	part = frame_at(&corner, 0, HALL_DEPTH - 4.5, 3.2);
 	if (bay_furnished(plant, &random, 1))
 		machine_pipe_rack(mesh, &part, &random, width, plant->hall_height - 3.2);
-	part = frame_at(&corner, width / 2, HALL_DEPTH - 4, 0);
+	part = frame_at(&corner, width / 2, HALL_DEPTH - 4.8, 0);
 	if (bay_furnished(plant, &random, 1))
-		machine_pump(mesh, &part, &random, 3.2);
+		machine_pump(mesh, &part, &random, 3.4);
 	for (unsigned i = 0; i < 2; i++) {
 		part = frame_at(&corner, width / 2, HALL_DEPTH * (0.3 + 0.4 * i),
 				plant->hall_height);
@@ -314,16 +319,18 @@ static void make_yard(struct mesh *mesh, const struct plant *plant, unsigned col
 	if (column % 6 == 1) {
 		machine_stack(mesh, &part, 2.6, 1.4 * building + 28);
 	} else if (random_chance(&random, 0.7)) {
-		machine_storage(mesh, &part, random_between(&random, 2.4, 3.4),
-				random_between(&random, 4, 9));
-		part = frame_at(&corner, 1.2, 11.5, 0);
-		machine_pump(mesh, &part, &random, 5);
+		double radius = random_between(&random, 2.4, 3.4);
+
+		machine_storage(mesh, &part, radius, random_between(&random, 4, 9));
+		/* Its pipe ends in the lower deck of the bridge. */
+		part = frame_at(&corner, 1.2, 3.5, 0);
+		machine_pump(mesh, &part, &random, 5.1);
 	} else {
 		part = frame_at(&corner, 0.4, 14, 3);
 		machine_platform(mesh, &part, width - 0.8, 5);
 		machine_railing(mesh, &part, width - 0.8);
 		part = frame_at(&corner, width / 2, 16.5, 2.98);
-		machine_tank(mesh, &part, &random, 5);
+		machine_tank(mesh, &part, &random, 7);
 	}
 }
 

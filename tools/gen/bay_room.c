@@ -95,7 +95,7 @@ void bay_shaft_contents(struct mesh *mesh, const struct bay *bay, struct random 
 		return;
 	case BAY_SHAFT_VESSEL:
 		part = frame_at(&bay->frame, bay->width / 2, bay->depth / 2, 0);
-		machine_tank(mesh, &part, random, 2 * BAY_FLOOR_HEIGHT);
+		machine_tank(mesh, &part, random, 3 * BAY_FLOOR_HEIGHT);
 		railing_around(mesh, bay, &o, false, false);
 		return;
 	}
@@ -154,7 +154,7 @@ static void place_machines(struct mesh *mesh, const struct bay *bay, struct rand
 		if (blocked)
 			continue;
 		frame = frame_turned(&frame, turn_of(2 * random_below(&own, 2), 4));
-		theme->machines[random_below(&own, 4)](mesh, &frame, &own, ROOM_PIPES);
+		theme->machines[random_below(&own, 4)](mesh, &frame, &own, bay->height + 0.02);
 	}
 	for (unsigned i = 0; i < theme->rack_count_max; i++) {
 		double y =

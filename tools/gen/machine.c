@@ -141,7 +141,7 @@ void machine_tank(struct mesh *mesh, const struct frame *frame, struct random *r
 		  double height)
 {
 	double radius = random_between(random, 0.45, 0.8);
-	double length = random_between(random, 0.55, 0.8) * height;
+	double length = random_between(random, 0.39, 0.56) * height;
 	struct frame body = frame_at(frame, 0, 0, 0.35);
 	struct frame part;
 
@@ -238,8 +238,8 @@ void machine_pump(struct mesh *mesh, const struct frame *frame, struct random *r
 	struct frame part;
 	struct frame along;
 	const struct vec3 rise[] = { { 0.75, 0, axis + 1.2 * radius },
-				     { 0.75, 0, 0.6 * height },
-				     { 0.75, 0.7, 0.6 * height },
+				     { 0.75, 0, 0.55 * height },
+				     { 0.75, 0.7, 0.55 * height },
 				     { 0.75, 0.7, height } };
 
 	machine_paint(mesh, PAINT_CONCRETE);

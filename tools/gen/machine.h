@@ -47,7 +47,7 @@ void machine_paint(struct mesh *mesh, enum paint paint);
 /** Of pipes: water, steam, oil or gas. */
 enum paint machine_random_medium(struct random *random);
 
-/** A machine for the floor of a room; height: what is free above the floor. */
+/** A machine for the floor of a room; height: where its pipes end, in the slab above or a rack. */
 typedef void (*machine_fn)(struct mesh *mesh, const struct frame *frame, struct random *random,
 			   double height);
 
