@@ -12,6 +12,7 @@
 #include "formats/base/bytes.h"
 #include "formats/import/import.h"
 #include "formats/import/number.h"
+#include "formats/import/placement.h"
 #include "formats/import/source.h"
 
 /* Folders within folders: a loop of links is longer than that. */
@@ -226,33 +227,31 @@ static char *take_file_field(char *line, char **ret_file)
 	return from + 1;
 }
 
-static bool is_singular(const double m[12])
+static bool is_singular(const struct placement *placement)
 {
-	double largest = 0.0;
-	double determinant = m[0] * (m[5] * m[10] - m[6] * m[9]) -
-			     m[1] * (m[4] * m[10] - m[6] * m[8]) +
-			     m[2] * (m[4] * m[9] - m[5] * m[8]);
+	double largest = 0.0, cofactors[9];
 
 	for (int row = 0; row < 3; row++)
 		for (int column = 0; column < 3; column++)
-			largest = fmax(largest, fabs(m[4 * row + column]));
-	return !(fabs(determinant) > SINGULAR * largest * largest * largest);
+			largest = fmax(largest, fabs(placement->m[4 * row + column]));
+	return !(fabs(placement_cofactors(placement, cofactors)) >
+		 SINGULAR * largest * largest * largest);
 }
 
 /* Reads the twelve numbers.  Returns NULL, or what is wrong. */
-static const char *take_placement(const char *text, double placement[12])
+static const char *take_placement(const char *text, struct placement *placement)
 {
 	for (int i = 0; i < 12; i++) {
 		while (*text == ' ' || *text == '\t')
 			text++;
-		text = number_to_double(text, &placement[i]);
+		text = number_to_double(text, &placement->m[i]);
 		if (!text)
 			return "twelve numbers are wanted behind the file";
 		while (*text == ' ' || *text == '\t')
 			text++;
 		if (*text != (i < 11 ? ',' : '\0'))
 			return "twelve numbers are wanted behind the file, with commas between";
-		if (!isfinite(placement[i]))
+		if (!isfinite(placement->m[i]))
 			return "the matrix has a number that is not finite";
 		text += i < 11;
 	}
@@ -262,7 +261,7 @@ static const char *take_placement(const char *text, double placement[12])
 static int add_scene_line(struct expansion *expansion, const char *folder, char *line,
 			  const char **ret_fault, struct why *why)
 {
-	double placement[12];
+	struct placement placement;
 	char *file, *path;
 	char *rest = take_file_field(line, &file);
 	int r;
@@ -271,7 +270,7 @@ static int add_scene_line(struct expansion *expansion, const char *folder, char 
 	if (!rest || *file == '\0')
 		*ret_fault = "\"file,m00,...,m23\" is wanted";
 	else
-		*ret_fault = take_placement(rest, placement);
+		*ret_fault = take_placement(rest, &placement);
 	if (*ret_fault)
 		return 0;
 	path = *file == '/' ? strdup(file) : path_join(folder, file);
@@ -281,7 +280,7 @@ static int add_scene_line(struct expansion *expansion, const char *folder, char 
 		*ret_fault = "no importer knows a file of this name";
 	else if (access(path, R_OK) < 0)
 		*ret_fault = "its file cannot be read";
-	r = *ret_fault ? 0 : add_input(expansion, path, file, placement, why);
+	r = *ret_fault ? 0 : add_input(expansion, path, file, placement.m, why);
 	free(path);
 	return r;
 }

@@ -25,6 +25,7 @@
 #include "formats/import/assimp_frame.h"
 #include "formats/import/batcher.h"
 #include "formats/import/colour.h"
+#include "formats/import/placement.h"
 #include "formats/import/polygon.h"
 
 /* Nodes within nodes; assimp itself has no limit. */
@@ -40,11 +41,6 @@ struct writer {
 	struct batcher batcher;
 	struct polygon polygon;
 	char scene_path[ASSIMP_TEXT_BYTES_MAX + 1];
-};
-
-/* Row-major, 3x4. */
-struct placement {
-	double m[12];
 };
 
 /* ---- frames ---- */
@@ -144,43 +140,13 @@ static int write_error(struct writer *writer, int error, const char *text)
 
 /* ---- the scene ---- */
 
-static struct placement placement_multiply(const struct placement *a,
-					   const struct aiMatrix4x4 *matrix)
+static struct placement placement_of(const struct aiMatrix4x4 *m)
 {
-	const double b[3][4] = {
-		{ (double)matrix->a1, (double)matrix->a2, (double)matrix->a3, (double)matrix->a4 },
-		{ (double)matrix->b1, (double)matrix->b2, (double)matrix->b3, (double)matrix->b4 },
-		{ (double)matrix->c1, (double)matrix->c2, (double)matrix->c3, (double)matrix->c4 },
-	};
-	struct placement product;
-
-	for (int row = 0; row < 3; row++) {
-		for (int column = 0; column < 4; column++) {
-			double sum = column == 3 ? a->m[4 * row + 3] : 0.0;
-
-			for (int k = 0; k < 3; k++)
-				sum += a->m[4 * row + k] * b[k][column];
-			product.m[4 * row + column] = sum;
-		}
-	}
-	return product;
-}
-
-/* The cofactors: they turn normals as the placement turns planes.  Returns the determinant. */
-static double cofactors(const struct placement *placement, double ret[9])
-{
-	const double *m = placement->m;
-
-	for (int row = 0; row < 3; row++) {
-		int r1 = 4 * ((row + 1) % 3), r2 = 4 * ((row + 2) % 3);
-
-		for (int column = 0; column < 3; column++) {
-			int c1 = (column + 1) % 3, c2 = (column + 2) % 3;
-
-			ret[3 * row + column] = m[r1 + c1] * m[r2 + c2] - m[r1 + c2] * m[r2 + c1];
-		}
-	}
-	return m[0] * ret[0] + m[1] * ret[1] + m[2] * ret[2];
+	return (struct placement){ {
+		(double)m->a1, (double)m->a2, (double)m->a3, (double)m->a4, /* x */
+		(double)m->b1, (double)m->b2, (double)m->b3, (double)m->b4, /* y */
+		(double)m->c1, (double)m->c2, (double)m->c3, (double)m->c4, /* z */
+	} };
 }
 
 static bool is_identity(const struct aiMatrix4x4 *matrix)
@@ -275,7 +241,7 @@ static void find_material(const struct aiScene *scene, const struct aiMesh *mesh
 struct placed_mesh {
 	const struct aiMesh *mesh;
 	struct placement placement;
-	double normal_matrix[9];
+	double cofactors[9];
 	bool flip;
 	struct batch_kind kind;
 };
@@ -287,25 +253,16 @@ static void put_corner(struct writer *writer, const struct placed_mesh *placed, 
 	const double p[3] = { (double)position->x, (double)position->y, (double)position->z };
 	struct batcher *batcher = &writer->batcher;
 
-	for (size_t row = 0; row < 3; row++) {
-		const double *m = placed->placement.m + 4 * row;
-
-		if (batcher->positions_double)
-			batcher->positions64[3 * to + row] =
-				m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
-		else
-			batcher->positions32[3 * to + row] = (float)p[row];
-	}
+	if (batcher->positions_double)
+		placement_move(&placed->placement, p, batcher->positions64 + 3 * to);
+	for (size_t k = 0; k < 3 && !batcher->positions_double; k++)
+		batcher->positions32[3 * to + k] = (float)p[k];
 	if (placed->kind.normals) {
 		const struct aiVector3D *n = &placed->mesh->mNormals[vertex];
 
-		for (size_t row = 0; row < 3; row++) {
-			const double *m = placed->normal_matrix + 3 * row;
-
-			batcher->normals[3 * to + row] =
-				(float)(m[0] * (double)n->x + m[1] * (double)n->y +
-					m[2] * (double)n->z);
-		}
+		placement_turn(placed->cofactors,
+			       (const double[3]){ (double)n->x, (double)n->y, (double)n->z },
+			       batcher->normals + 3 * to);
 	}
 	if (placed->kind.colours) {
 		const struct aiColor4D *c = &placed->mesh->mColors[0][vertex];
@@ -373,7 +330,7 @@ static int put_mesh(struct writer *writer, const struct aiNode *node, const stru
 	if (!mesh->mVertices || mesh->mNumFaces == 0)
 		return 0;
 	find_material(writer->scene, mesh, &part, &material_name);
-	placed.flip = cofactors(placement, placed.normal_matrix) < 0.0;
+	placed.flip = placement_cofactors(placement, placed.cofactors) < 0.0;
 	r = batcher_part(&writer->batcher, &part, &placed.kind.part, why);
 	for (unsigned i = 0; i < mesh->mNumFaces && r == 0; i++)
 		r = put_face(writer, &placed, &mesh->mFaces[i], why);
@@ -383,7 +340,8 @@ static int put_mesh(struct writer *writer, const struct aiNode *node, const stru
 static int put_node(struct writer *writer, const struct aiNode *node,
 		    const struct placement *parent, unsigned depth, struct why *why)
 {
-	struct placement placement = placement_multiply(parent, &node->mTransformation);
+	struct placement own = placement_of(&node->mTransformation);
+	struct placement placement = placement_multiply(parent, &own);
 	size_t length = strlen(writer->scene_path);
 	int r = 0;
 
@@ -406,7 +364,6 @@ static int put_node(struct writer *writer, const struct aiNode *node,
 
 static int put_scene(struct writer *writer, struct why *why)
 {
-	static const struct placement identity = { { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0 } };
 	const struct aiNode *root = writer->scene->mRootNode;
 	struct assimp_info info = { .up_axis = STORE_AXIS_UNKNOWN };
 	struct piece piece = { &info, sizeof(info) };
@@ -421,7 +378,7 @@ static int put_scene(struct writer *writer, struct why *why)
 		r = batcher_init(&writer->batcher, info.positions_double != 0, &writer->options,
 				 &writer->sink, &writer->info, why);
 	if (r == 0)
-		r = put_node(writer, root, &identity, 0, why);
+		r = put_node(writer, root, &placement_identity, 0, why);
 	return r < 0 ? r : batcher_flush(&writer->batcher, why);
 }
 

@@ -14,19 +14,13 @@
 #include "formats/base/bytes.h"
 #include "formats/import/colour.h"
 #include "formats/import/job.h"
+#include "formats/import/placement.h"
 #include "formats/import/polygon.h"
 #include "formats/import/vrml_scene.h"
 
 /* Nodes that may be visited more than once through USE: a few lines could ask for 2^100. */
 #define REPEATS_MAX (UINT64_C(1) << 20)
 #define PATH_BYTES  1024u
-
-/* Row-major, 3x4. */
-struct matrix {
-	double m[12];
-};
-
-static const struct matrix identity = { { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0 } };
 
 struct vrml {
 	struct import_job *job;
@@ -44,101 +38,68 @@ struct shape {
 	const struct vrml_floats *points;
 	const struct vrml_floats *colours; /* NULL: none */
 	const struct vrml_floats *normals;
-	struct matrix matrix;
-	double normal_matrix[9];
+	struct placement placement;
+	double cofactors[9];
 	bool flip; /* corners run the other way round */
 	struct batch_kind kind;
 };
 
 /* ---- transforms ---- */
 
-static struct matrix multiply(const struct matrix *a, const struct matrix *b)
+static struct placement translation(const double offset[3], double sign)
 {
-	struct matrix product;
-
-	for (int row = 0; row < 3; row++) {
-		for (int column = 0; column < 4; column++) {
-			double sum = column == 3 ? a->m[4 * row + 3] : 0.0;
-
-			for (int k = 0; k < 3; k++)
-				sum += a->m[4 * row + k] * b->m[4 * k + column];
-			product.m[4 * row + column] = sum;
-		}
-	}
-	return product;
-}
-
-static struct matrix translation(const double offset[3], double sign)
-{
-	struct matrix matrix = identity;
+	struct placement placement = placement_identity;
 
 	for (int k = 0; k < 3; k++)
-		matrix.m[4 * k + 3] = sign * offset[k];
-	return matrix;
+		placement.m[4 * k + 3] = sign * offset[k];
+	return placement;
 }
 
 /* About an axis of any length; one of no length turns nothing. */
-static struct matrix rotation(const double axis_angle[4], double sign)
+static struct placement rotation(const double axis_angle[4], double sign)
 {
 	double length = sqrt(axis_angle[0] * axis_angle[0] + axis_angle[1] * axis_angle[1] +
 			     axis_angle[2] * axis_angle[2]);
 	double c = cos(axis_angle[3]), s = sign * sin(axis_angle[3]);
-	struct matrix matrix = identity;
+	struct placement placement = placement_identity;
 	double a[3];
 
 	if (!(length > 0.0) || axis_angle[3] == 0.0)
-		return matrix;
+		return placement;
 	for (int k = 0; k < 3; k++)
 		a[k] = axis_angle[k] / length;
 	for (int row = 0; row < 3; row++)
 		for (int column = 0; column < 3; column++)
-			matrix.m[4 * row + column] =
+			placement.m[4 * row + column] =
 				(1.0 - c) * a[row] * a[column] + (row == column ? c : 0.0);
-	matrix.m[1] -= s * a[2];
-	matrix.m[2] += s * a[1];
-	matrix.m[4] += s * a[2];
-	matrix.m[6] -= s * a[0];
-	matrix.m[8] -= s * a[1];
-	matrix.m[9] += s * a[0];
-	return matrix;
+	placement.m[1] -= s * a[2];
+	placement.m[2] += s * a[1];
+	placement.m[4] += s * a[2];
+	placement.m[6] -= s * a[0];
+	placement.m[8] -= s * a[1];
+	placement.m[9] += s * a[0];
+	return placement;
 }
 
 /* T C R SR S -SR -C, as the standard says in 6.52. */
-static struct matrix transform_matrix(const struct vrml_node *node)
+static struct placement transform_placement(const struct vrml_node *node)
 {
-	struct matrix steps[7] = {
+	struct placement steps[7] = {
 		translation(node->transform.translation, 1.0),
 		translation(node->transform.centre, 1.0),
 		rotation(node->transform.rotation, 1.0),
 		rotation(node->transform.scale_orientation, 1.0),
-		identity,
+		placement_identity,
 		rotation(node->transform.scale_orientation, -1.0),
 		translation(node->transform.centre, -1.0),
 	};
-	struct matrix product = identity;
+	struct placement product = placement_identity;
 
 	for (int k = 0; k < 3; k++)
 		steps[4].m[5 * k] = node->transform.scale[k];
 	for (size_t i = 0; i < ARRAY_LENGTH(steps); i++)
-		product = multiply(&product, &steps[i]);
+		product = placement_multiply(&product, &steps[i]);
 	return product;
-}
-
-/* The cofactors: they turn normals as the matrix turns planes.  Returns the determinant. */
-static double cofactors(const struct matrix *matrix, double ret[9])
-{
-	const double *m = matrix->m;
-
-	for (int row = 0; row < 3; row++) {
-		int r1 = 4 * ((row + 1) % 3), r2 = 4 * ((row + 2) % 3);
-
-		for (int column = 0; column < 3; column++) {
-			int c1 = (column + 1) % 3, c2 = (column + 2) % 3;
-
-			ret[3 * row + column] = m[r1 + c1] * m[r2 + c2] - m[r1 + c2] * m[r2 + c1];
-		}
-	}
-	return m[0] * ret[0] + m[1] * ret[1] + m[2] * ret[2];
 }
 
 /* ---- parts ---- */
@@ -186,24 +147,18 @@ static void put_position(struct vrml *vrml, const struct shape *shape, uint32_t 
 		memcpy(vrml->batcher.positions32 + 3 * to, p, 3 * sizeof(float));
 		return;
 	}
-	for (size_t row = 0; row < 3; row++) {
-		const double *m = shape->matrix.m + 4 * row;
-
-		vrml->batcher.positions64[3 * to + row] =
-			m[0] * (double)p[0] + m[1] * (double)p[1] + m[2] * (double)p[2] + m[3];
-	}
+	placement_move(&shape->placement,
+		       (const double[3]){ (double)p[0], (double)p[1], (double)p[2] },
+		       vrml->batcher.positions64 + 3 * to);
 }
 
 static void put_normal(struct vrml *vrml, const struct shape *shape, uint32_t normal, size_t to)
 {
 	const float *n = shape->normals->values + 3 * (size_t)normal;
 
-	for (size_t row = 0; row < 3; row++) {
-		const double *m = shape->normal_matrix + 3 * row;
-
-		vrml->batcher.normals[3 * to + row] =
-			(float)(m[0] * (double)n[0] + m[1] * (double)n[1] + m[2] * (double)n[2]);
-	}
+	placement_turn(shape->cofactors,
+		       (const double[3]){ (double)n[0], (double)n[1], (double)n[2] },
+		       vrml->batcher.normals + 3 * to);
 }
 
 /*
@@ -333,14 +288,14 @@ static int put_faces(struct vrml *vrml, const struct shape *shape, struct why *w
 	return 0;
 }
 
-static int put_shape(struct vrml *vrml, const struct vrml_node *node, const struct matrix *matrix,
-		     struct why *why)
+static int put_shape(struct vrml *vrml, const struct vrml_node *node,
+		     const struct placement *placement, struct why *why)
 {
 	const struct vrml_node *faces = vrml_node_find(node, VRML_FACES);
 	const struct vrml_node *points = faces ? vrml_node_find(faces, VRML_COORDINATE) : NULL;
 	const struct vrml_node *colours = faces ? vrml_node_find(faces, VRML_COLOUR) : NULL;
 	const struct vrml_node *normals = faces ? vrml_node_find(faces, VRML_NORMAL) : NULL;
-	struct shape shape = { .faces = faces, .matrix = *matrix };
+	struct shape shape = { .faces = faces, .placement = *placement };
 	int r;
 
 	if (!points || points->floats.count == 0)
@@ -350,7 +305,8 @@ static int put_shape(struct vrml *vrml, const struct vrml_node *node, const stru
 		shape.colours = &colours->floats;
 	if (normals && normals->floats.count > 0)
 		shape.normals = &normals->floats;
-	shape.flip = (cofactors(matrix, shape.normal_matrix) < 0.0) != faces->faces.clockwise;
+	shape.flip =
+		(placement_cofactors(placement, shape.cofactors) < 0.0) != faces->faces.clockwise;
 	shape.kind.colours = shape.colours != NULL;
 	shape.kind.normals = shape.normals != NULL;
 	r = find_part(vrml, node, &shape.kind.part, why);
@@ -370,25 +326,25 @@ static size_t push_name(struct vrml *vrml, const char *name)
 	return length;
 }
 
-static int put_node(struct vrml *vrml, const struct vrml_node *node, const struct matrix *matrix,
-		    struct why *why);
+static int put_node(struct vrml *vrml, const struct vrml_node *node,
+		    const struct placement *placement, struct why *why);
 
 static int put_children(struct vrml *vrml, const struct vrml_node *node, uint64_t first,
-			uint64_t end, const struct matrix *matrix, struct why *why)
+			uint64_t end, const struct placement *placement, struct why *why)
 {
 	int r = 0;
 
 	for (uint64_t i = first; i < end && i < node->child_count && r == 0; i++)
-		r = put_node(vrml, node->children[i], matrix, why);
+		r = put_node(vrml, node->children[i], placement, why);
 	return r;
 }
 
 /* As deep as the file is nested, since what is used stands whole before its use. */
-static int put_node(struct vrml *vrml, const struct vrml_node *node, const struct matrix *matrix,
-		    struct why *why)
+static int put_node(struct vrml *vrml, const struct vrml_node *node,
+		    const struct placement *placement, struct why *why)
 {
 	size_t path_length = push_name(vrml, node->name);
-	struct matrix moved;
+	struct placement moved;
 	int r = 0;
 
 	if (vrml->visits_left-- == 0)
@@ -396,24 +352,24 @@ static int put_node(struct vrml *vrml, const struct vrml_node *node, const struc
 			       (unsigned long long)REPEATS_MAX);
 	switch (node->kind) {
 	case VRML_GROUP:
-		r = put_children(vrml, node, 0, UINT64_MAX, matrix, why);
+		r = put_children(vrml, node, 0, UINT64_MAX, placement, why);
 		break;
 	case VRML_TRANSFORM:
-		moved = transform_matrix(node);
-		moved = multiply(matrix, &moved);
+		moved = transform_placement(node);
+		moved = placement_multiply(placement, &moved);
 		r = put_children(vrml, node, 0, UINT64_MAX, &moved, why);
 		break;
 	case VRML_SWITCH:
 		if (node->which_choice >= 0)
 			r = put_children(vrml, node, (uint64_t)node->which_choice,
-					 (uint64_t)node->which_choice + 1, matrix, why);
+					 (uint64_t)node->which_choice + 1, placement, why);
 		break;
 	case VRML_LOD:
 		/* The first level is the finest. */
-		r = put_children(vrml, node, 0, 1, matrix, why);
+		r = put_children(vrml, node, 0, 1, placement, why);
 		break;
 	case VRML_SHAPE:
-		r = put_shape(vrml, node, matrix, why);
+		r = put_shape(vrml, node, placement, why);
 		break;
 	case VRML_OTHER:
 	case VRML_APPEARANCE:
@@ -447,7 +403,7 @@ int vrml_import(struct import_job *job, struct why *why)
 				 job->info, why);
 	vrml.visits_left = vrml.scene.node_count + REPEATS_MAX;
 	if (r == 0)
-		r = put_node(&vrml, vrml.scene.root, &identity, why);
+		r = put_node(&vrml, vrml.scene.root, &placement_identity, why);
 	if (r == 0)
 		r = batcher_flush(&vrml.batcher, why);
 	batcher_done(&vrml.batcher);
