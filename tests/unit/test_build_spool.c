@@ -104,6 +104,23 @@ static void released_memory_serves_the_next_and_then_the_budget(void **state)
 	setting_end(&setting);
 }
 
+static void a_warm_pool_keeps_to_the_budget_and_gives_all_back(void **state)
+{
+	static uint8_t bytes[PIECE_BYTES];
+	struct setting setting;
+	uint64_t address;
+
+	setting_make(&setting, *state, 3 * SPOOL_SEGMENT_BYTES);
+	spool_pool_warm(setting.pool);
+	for (unsigned i = 0; i < 15; i++) {
+		assert_int_equal(spool_append(setting.spool, bytes, PIECE_BYTES, &address, NULL),
+				 0);
+		assert_true(setting.budget.taken_bytes <= 3 * SPOOL_SEGMENT_BYTES);
+	}
+	spool_pool_cool(setting.pool);
+	setting_end(&setting);
+}
+
 static void a_scratch_folder_that_is_not_there_is_named(void **state)
 {
 	struct setting setting;
@@ -157,6 +174,8 @@ int main(void)
 		cmocka_unit_test_setup_teardown(pieces_come_back_from_memory_and_from_disk,
 						test_folder_setup, test_folder_teardown),
 		cmocka_unit_test_setup_teardown(released_memory_serves_the_next_and_then_the_budget,
+						test_folder_setup, test_folder_teardown),
+		cmocka_unit_test_setup_teardown(a_warm_pool_keeps_to_the_budget_and_gives_all_back,
 						test_folder_setup, test_folder_teardown),
 		cmocka_unit_test_setup_teardown(a_scratch_folder_that_is_not_there_is_named,
 						test_folder_setup, test_folder_teardown),

@@ -165,7 +165,11 @@ static int import_all(struct build *build, struct why *why)
 	soup_options.memory_bytes = share / jobs - 2 * SOUP_BLOCK_BYTES_MAX;
 	budget_charge(&build->budget, share - build->worker_bytes);
 	build->crew->worker_count = (uint32_t)jobs;
+	/* One large file keeps one processor busy; another can clear memory for it. */
+	if (jobs < options->jobs)
+		spool_pool_warm(build->pool);
 	r = soup_import(&build->soup, build->crew, &soup_options, &build->progress, why);
+	spool_pool_cool(build->pool);
 	build->crew->worker_count = options->jobs;
 	budget_give(&build->budget, share - build->worker_bytes);
 	if (r < 0)

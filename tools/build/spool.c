@@ -19,6 +19,8 @@
 #define ON_DISK      (UINT64_C(1) << 63)
 #define HUGE_BYTES   (UINT64_C(2) << 20)
 #define SCRATCH_NAME "oocbuild-XXXXXX"
+/** Segments that a warm pool has ready. */
+#define WARM_SEGMENTS 4u
 
 struct segment {
 	uint8_t *memory;
@@ -32,9 +34,13 @@ struct free_segment {
 
 struct spool_pool {
 	struct budget *budget;
-	pthread_mutex_t lock;
+	pthread_mutex_t lock; /* of all that follows */
 	struct free_segment *free;
+	unsigned free_count;
 	bool drained;
+	bool warm; /* is there a warmer, and shall it go on? */
+	pthread_t warmer;
+	pthread_cond_t taken; /* the warmer waits for it */
 };
 
 struct spool {
@@ -59,6 +65,7 @@ int spool_pool_create(struct budget *budget, struct spool_pool **ret)
 		return -ENOMEM;
 	pool->budget = budget;
 	(void)pthread_mutex_init(&pool->lock, NULL);
+	(void)pthread_cond_init(&pool->taken, NULL);
 	*ret = pool;
 	return 0;
 }
@@ -67,7 +74,9 @@ struct spool_pool *spool_pool_destroy(struct spool_pool *pool)
 {
 	if (!pool)
 		return NULL;
+	spool_pool_cool(pool);
 	spool_pool_drain(pool);
+	(void)pthread_cond_destroy(&pool->taken);
 	(void)pthread_mutex_destroy(&pool->lock);
 	free(pool);
 	return NULL;
@@ -80,6 +89,7 @@ void spool_pool_drain(struct spool_pool *pool)
 		struct free_segment *segment = pool->free;
 
 		pool->free = segment->next;
+		pool->free_count--;
 		(void)munmap(segment, SPOOL_SEGMENT_BYTES);
 		budget_give(pool->budget, SPOOL_SEGMENT_BYTES);
 	}
@@ -113,8 +123,11 @@ static uint8_t *segment_take(struct spool_pool *pool)
 
 	(void)pthread_mutex_lock(&pool->lock);
 	segment = pool->free;
-	if (segment)
+	if (segment) {
 		pool->free = segment->next;
+		pool->free_count--;
+		(void)pthread_cond_signal(&pool->taken);
+	}
 	(void)pthread_mutex_unlock(&pool->lock);
 	if (segment)
 		return (uint8_t *)segment;
@@ -137,8 +150,62 @@ static void segment_give(struct spool_pool *pool, uint8_t *memory)
 	} else {
 		segment->next = pool->free;
 		pool->free = segment;
+		pool->free_count++;
 	}
 	(void)pthread_mutex_unlock(&pool->lock);
+}
+
+static void *warm_segments(void *arg)
+{
+	const size_t page_bytes = (size_t)sysconf(_SC_PAGESIZE);
+	struct spool_pool *pool = arg;
+	bool spent = false;
+
+	(void)pthread_mutex_lock(&pool->lock);
+	while (pool->warm && !spent) {
+		uint8_t *memory = NULL;
+
+		if (pool->free_count >= WARM_SEGMENTS) {
+			(void)pthread_cond_wait(&pool->taken, &pool->lock);
+			continue;
+		}
+		(void)pthread_mutex_unlock(&pool->lock);
+		if (budget_take(pool->budget, SPOOL_SEGMENT_BYTES)) {
+			memory = segment_map();
+			if (!memory)
+				budget_give(pool->budget, SPOOL_SEGMENT_BYTES);
+		}
+		for (size_t at = 0; memory && at < SPOOL_SEGMENT_BYTES; at += page_bytes)
+			*(volatile uint8_t *)(memory + at) = 0;
+		if (memory)
+			segment_give(pool, memory);
+		spent = !memory;
+		(void)pthread_mutex_lock(&pool->lock);
+	}
+	(void)pthread_mutex_unlock(&pool->lock);
+	return NULL;
+}
+
+void spool_pool_warm(struct spool_pool *pool)
+{
+	(void)pthread_mutex_lock(&pool->lock);
+	pool->warm = true;
+	if (pthread_create(&pool->warmer, NULL, warm_segments, pool) != 0)
+		pool->warm = false;
+	(void)pthread_mutex_unlock(&pool->lock);
+}
+
+void spool_pool_cool(struct spool_pool *pool)
+{
+	bool warm;
+
+	(void)pthread_mutex_lock(&pool->lock);
+	warm = pool->warm;
+	pool->warm = false;
+	(void)pthread_cond_signal(&pool->taken);
+	(void)pthread_mutex_unlock(&pool->lock);
+	if (warm)
+		(void)pthread_join(pool->warmer, NULL);
 }
 
 /* ---- spools ---- */

@@ -34,6 +34,13 @@ struct spool_pool;
 int spool_pool_create(struct budget *budget, struct spool_pool **ret);
 /** NULL is allowed.  Returns: NULL. */
 struct spool_pool *spool_pool_destroy(struct spool_pool *pool);
+/**
+ * Keeps a few segments ready from now on, touched by a thread of its own: worth a processor that has
+ * nothing else to do.  Where no thread can be had, nothing changes.
+ */
+void spool_pool_warm(struct spool_pool *pool);
+/** Ends that. */
+void spool_pool_cool(struct spool_pool *pool);
 /** Gives free segments back to the budget; from now on released ones go there at once. */
 void spool_pool_drain(struct spool_pool *pool);
 
