@@ -12,8 +12,8 @@
 #include "formats/base/bytes.h"
 #include "formats/base/file.h"
 #include "formats/store/payload.h"
-#include "viewer/scene.h"
 #include "viewer/target.h"
+#include "viewer/world.h"
 
 /* One segment's buffer. */
 struct arena_buffer {
@@ -28,7 +28,7 @@ struct arena_store {
 };
 
 struct arena_buffers {
-	struct arena_store stores[SCENE_STORE_COUNT_MAX];
+	struct arena_store stores[WORLD_STORE_COUNT_MAX];
 };
 
 /* Returns: 0 when the driver refuses. */
@@ -170,7 +170,7 @@ struct arena_buffers *arena_buffers_destroy(struct arena_buffers *buffers)
 {
 	if (!buffers)
 		return NULL;
-	for (size_t i = 0; i < SCENE_STORE_COUNT_MAX; i++) {
+	for (size_t i = 0; i < WORLD_STORE_COUNT_MAX; i++) {
 		struct arena_store *store = &buffers->stores[i];
 
 		for (uint32_t k = 0; k < store->segment_count; k++)
@@ -189,7 +189,7 @@ static void drop(struct arena_buffer *segment)
 
 void arena_buffers_sweep(struct arena_buffers *buffers)
 {
-	for (size_t i = 0; i < SCENE_STORE_COUNT_MAX; i++) {
+	for (size_t i = 0; i < WORLD_STORE_COUNT_MAX; i++) {
 		struct arena_store *store = &buffers->stores[i];
 
 		for (uint32_t k = 0; k < store->segment_count; k++) {

@@ -36,7 +36,7 @@ void arena_buffers_sweep(struct arena_buffers *buffers);
 /**
  * Finds a drawable node.
  *
- * store_index:  which of the scene's stores; the same for the same store, always.
+ * store_index:  which of the world's stores; the same for the same store, always.
  *
  * Returns: 0, -EAGAIN while it is not drawable, -ENOMEM when GL made no buffer of its segment.
  */

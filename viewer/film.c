@@ -15,7 +15,7 @@ static int take(struct show *show, const struct camera *camera, const char *path
 
 	if (stop_requested())
 		return why_set(why, -ECANCELED, "interrupted");
-	r = picture_take(&show->picture, show->frame, &show->scene, camera, &options->style,
+	r = picture_take(&show->picture, show->frame, &show->world, camera, &options->style,
 			 options->size, options->is_settled, path, &report, why);
 	if (r == 0)
 		r = statistics_add(&show->statistics, camera->time_s, &report, why);
@@ -60,7 +60,7 @@ int film_run(struct show *show, struct why *why)
 		if (r == 0 && is_last && options->screenshot_path && options->frames_folder) {
 			struct frame_report report;
 
-			r = picture_take(&show->picture, show->frame, &show->scene, &camera,
+			r = picture_take(&show->picture, show->frame, &show->world, &camera,
 					 &options->style, options->size, options->is_settled,
 					 options->screenshot_path, &report, why);
 		}

@@ -25,7 +25,7 @@ struct drawn {
 };
 
 struct frame {
-	struct scene *scene;
+	struct world *world;
 	struct renderer *renderer;
 	struct residency *residency;
 	GLsync fence; /* of the draws since the last frame_finish(); NULL: none */
@@ -37,14 +37,14 @@ struct frame {
 	struct ooc_counters counters; /* at the report before */
 };
 
-int frame_create(struct scene *scene, uint64_t gpu_cache_bytes, struct frame **ret, struct why *why)
+int frame_create(struct world *world, uint64_t gpu_cache_bytes, struct frame **ret, struct why *why)
 {
 	struct frame *frame = calloc(1, sizeof(*frame));
 	int r;
 
 	if (!frame)
 		return why_errno(why, -ENOMEM, "a frame");
-	frame->scene = scene;
+	frame->world = world;
 	r = renderer_create(&frame->renderer, why);
 	if (r >= 0)
 		r = residency_create(frame->renderer, gpu_cache_bytes, &frame->residency, why);
@@ -75,7 +75,7 @@ bool frame_is_in_place(const struct frame *frame)
 
 /* ---- drawing ---- */
 
-static int remember(struct frame *frame, const struct scene_want *want,
+static int remember(struct frame *frame, const struct world_want *want,
 		    const struct ooc_place *place)
 {
 	if (frame->drawn_count == frame->drawn_room) {
@@ -106,7 +106,7 @@ bool frame_finish(struct frame *frame)
 	for (size_t i = 0; i < frame->drawn_count; i++) {
 		const struct drawn *drawn = &frame->drawn[i];
 
-		is_right = is_right && ooc_still_valid(frame->scene->stores[drawn->store].store,
+		is_right = is_right && ooc_still_valid(frame->world->stores[drawn->store].store,
 						       drawn->node, &drawn->place);
 	}
 	frame->drawn_count = 0;
@@ -120,15 +120,15 @@ static void begin_drawing(struct frame *frame, const struct frame_style *style,
 				       .unlit = style->unlit,
 				       .tile = *tile };
 
-	scene_up(frame->scene, render.up);
+	world_up(frame->world, render.up);
 	renderer_begin(frame->renderer, &render);
 }
 
 /* Draws one wanted node.  Returns: 0, or why not, as residency_find() says it. */
-static int draw_want(struct frame *frame, const struct scene_want *want, uint32_t *view_of,
+static int draw_want(struct frame *frame, const struct world_want *want, uint32_t *view_of,
 		     struct frame_report *report)
 {
-	struct scene_store *store = &frame->scene->stores[want->store];
+	struct world_store *store = &frame->world->stores[want->store];
 	struct resident resident;
 	int r = residency_find(frame->residency, want->store, store->store, want->node, &resident);
 
@@ -165,7 +165,7 @@ static void finish_report(struct frame *frame, uint64_t begin_ns, struct frame_r
 {
 	struct ooc_counters now;
 
-	ooc_counters(frame->scene->client, &now);
+	ooc_counters(frame->world->client, &now);
 	report->bytes_fetched = grown_by(frame->counters.fetched_bytes, now.fetched_bytes);
 	report->bytes_prefetched = grown_by(frame->counters.prefetched_bytes, now.prefetched_bytes);
 	frame->counters = now;
@@ -179,27 +179,27 @@ int frame_draw_live(struct frame *frame, const struct camera *camera, double asp
 		    const struct frame_style *style, const struct target *target,
 		    struct frame_report *ret, struct why *why)
 {
-	struct scene *scene = frame->scene;
+	struct world *world = frame->world;
 	struct frame_report report = { .portions = 1 };
 	uint64_t begin_ns = clock_now_ns();
 	uint32_t view_of = UINT32_MAX;
 	int r;
 
 	/* The choice needs the HS alone: OpenGL may go on with the frame before. */
-	r = scene_look(scene, camera, aspect, style->mode, style->budget_triangles, why);
+	r = world_look(world, camera, aspect, style->mode, style->budget_triangles, why);
 	if (r < 0)
 		return r;
 	(void)frame_finish(frame);
-	scene_dispatch(scene);
-	r = scene_ask(scene, 0, scene->want_count, why);
+	world_dispatch(world);
+	r = world_ask(world, 0, world->want_count, why);
 	if (r < 0)
 		return r;
-	report.nodes_wanted = scene->want_count;
+	report.nodes_wanted = world->want_count;
 	residency_begin(frame->residency, true);
 	target_begin(target, style->background);
 	begin_drawing(frame, style, &render_tile_whole);
-	for (size_t i = 0; i < scene->want_count; i++) {
-		if (draw_want(frame, &scene->wants[i], &view_of, &report) == -ENOBUFS)
+	for (size_t i = 0; i < world->want_count; i++) {
+		if (draw_want(frame, &world->wants[i], &view_of, &report) == -ENOBUFS)
 			report.is_unfinished = residency_has_copied(frame->residency);
 	}
 	end_drawing(frame);
@@ -227,8 +227,8 @@ uint64_t frame_pick(struct frame *frame, const struct target *shown, enum channe
 	glScissor(x, (GLint)target.height - 1 - y, 1, 1);
 	residency_begin(frame->residency, true);
 	begin_drawing(frame, &style, &render_tile_whole);
-	for (size_t i = 0; i < frame->scene->want_count; i++)
-		(void)draw_want(frame, &frame->scene->wants[i], &view_of, &report);
+	for (size_t i = 0; i < frame->world->want_count; i++)
+		(void)draw_want(frame, &frame->world->wants[i], &view_of, &report);
 	end_drawing(frame);
 	glDisable(GL_SCISSOR_TEST);
 	item = target_read_item(&target, x, y);
@@ -253,7 +253,7 @@ static int wait_until_settled(struct frame *frame, struct settling *settling, st
 {
 	for (;;) {
 		struct ooc_progress progress;
-		int r = ooc_wait(frame->scene->client, WAIT_STEP_MS);
+		int r = ooc_wait(frame->world->client, WAIT_STEP_MS);
 
 		if (stop_requested())
 			return why_set(why, -ECANCELED, "interrupted");
@@ -261,8 +261,8 @@ static int wait_until_settled(struct frame *frame, struct settling *settling, st
 			return 0;
 		if (r != -ETIMEDOUT && r != -ENOTCONN)
 			return why_set(why, r, "waiting for nodes: %s",
-				       ooc_error_text(frame->scene->client));
-		ooc_progress(frame->scene->client, &progress);
+				       ooc_error_text(frame->world->client));
+		ooc_progress(frame->world->client, &progress);
 		if (progress.drawable_count != settling->drawable_was) {
 			settling->drawable_was = progress.drawable_count;
 			settling->news_ns = clock_now_ns();
@@ -280,9 +280,9 @@ static int wait_until_settled(struct frame *frame, struct settling *settling, st
 }
 
 /* Says once what is wrong with a node.  Returns: false when it may yet come. */
-static bool never_comes(const struct frame *frame, const struct scene_want *want)
+static bool never_comes(const struct frame *frame, const struct world_want *want)
 {
-	const struct scene_store *store = &frame->scene->stores[want->store];
+	const struct world_store *store = &frame->world->stores[want->store];
 
 	switch (ooc_not_now(store->store, want->node)) {
 	case OOC_REASON_DAMAGED:
@@ -312,13 +312,13 @@ static bool never_comes(const struct frame *frame, const struct scene_want *want
  */
 static int draw_portion(struct frame *frame, struct settling *settling, struct frame_report *report)
 {
-	const struct scene *scene = frame->scene;
+	const struct world *world = frame->world;
 	uint32_t view_of = UINT32_MAX;
 	int r = 0;
 
 	residency_begin(frame->residency, false);
-	while (settling->first < scene->want_count) {
-		const struct scene_want *want = &scene->wants[settling->first];
+	while (settling->first < world->want_count) {
+		const struct world_want *want = &world->wants[settling->first];
 
 		r = draw_want(frame, want, &view_of, report);
 		if (r == -EAGAIN && never_comes(frame, want)) {
@@ -340,8 +340,8 @@ static int draw_portion(struct frame *frame, struct settling *settling, struct f
 static int be_patient(struct frame *frame, struct settling *settling, struct why *why)
 {
 	const struct timespec pause = { .tv_nsec = (long)(20 * NS_PER_MS) };
-	const struct scene_want *want = &frame->scene->wants[settling->first];
-	const struct scene_store *store = &frame->scene->stores[want->store];
+	const struct world_want *want = &frame->world->wants[settling->first];
+	const struct world_store *store = &frame->world->stores[want->store];
 
 	if (stop_requested())
 		return why_set(why, -ECANCELED, "interrupted");
@@ -361,16 +361,16 @@ static int be_patient(struct frame *frame, struct settling *settling, struct why
 static int draw_all(struct frame *frame, struct settling *settling, struct frame_report *report,
 		    struct why *why)
 {
-	struct scene *scene = frame->scene;
+	struct world *world = frame->world;
 	int r;
 
 	do {
 		size_t first_was = settling->first;
-		size_t count = scene->want_count - settling->first;
+		size_t count = world->want_count - settling->first;
 
 		if (settling->ask_for_less)
 			count = count > 1 ? 1 : 0;
-		r = scene_ask(scene, settling->first, count, why);
+		r = world_ask(world, settling->first, count, why);
 		if (r < 0)
 			return r;
 		r = wait_until_settled(frame, settling, why);
@@ -384,12 +384,12 @@ static int draw_all(struct frame *frame, struct settling *settling, struct frame
 		if (settling->first > first_was) {
 			settling->news_ns = clock_now_ns();
 			settling->ask_for_less = false;
-		} else if (settling->first < scene->want_count) {
+		} else if (settling->first < world->want_count) {
 			r = be_patient(frame, settling, why);
 			if (r < 0)
 				return r;
 		}
-	} while (settling->first < scene->want_count);
+	} while (settling->first < world->want_count);
 	return 0;
 }
 
@@ -397,19 +397,19 @@ int frame_draw_settled(struct frame *frame, const struct camera *camera, double 
 		       const struct frame_style *style, const struct render_tile *tile,
 		       const struct target *target, struct frame_report *ret, struct why *why)
 {
-	struct scene *scene = frame->scene;
+	struct world *world = frame->world;
 	struct frame_report report = { 0 };
 	uint64_t begin_ns = clock_now_ns();
 	int r;
 
-	r = scene_look(scene, camera, aspect, style->mode, style->budget_triangles, why);
+	r = world_look(world, camera, aspect, style->mode, style->budget_triangles, why);
 	if (r < 0)
 		return r;
 	(void)frame_finish(frame);
 	for (int attempt = 1;; attempt++) {
 		struct settling settling = { .news_ns = clock_now_ns() };
 
-		report = (struct frame_report){ .nodes_wanted = scene->want_count };
+		report = (struct frame_report){ .nodes_wanted = world->want_count };
 		target_begin(target, style->background);
 		begin_drawing(frame, style, tile);
 		r = draw_all(frame, &settling, &report, why);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /**
- * frame.h - one picture of a scene: which nodes, ask for them, draw what is there.
+ * frame.h - one picture of a world: which nodes, ask for them, draw what is there.
  *
  * A live frame waits for nothing: nodes that are not drawable are missing in it.  A settled frame
  * waits until each of its nodes has come, and draws sets larger than the daemon's cache in portions
@@ -24,15 +24,15 @@
 #include "formats/base/why.h"
 #include "viewer/renderer.h"
 #include "viewer/residency.h"
-#include "viewer/scene.h"
 #include "viewer/target.h"
+#include "viewer/world.h"
 
 struct frame;
 
 /** How a picture is to be. */
 struct frame_style {
-	enum scene_mode mode;
-	uint64_t budget_triangles; /* SCENE_MODE_APPROXIMATE */
+	enum world_mode mode;
+	uint64_t budget_triangles; /* WORLD_MODE_APPROXIMATE */
 	enum channel channel;
 	bool unlit;
 	uint8_t background[3];
@@ -52,13 +52,13 @@ struct frame_report {
 };
 
 /**
- * Prepares to draw a scene that outlives it.
+ * Prepares to draw a world that outlives it.
  *
  * gpu_cache_bytes:  as residency_create() takes it.
  *
  * Returns: 0, -EUCLEAN or -ENOMEM.
  */
-int frame_create(struct scene *scene, uint64_t gpu_cache_bytes, struct frame **ret,
+int frame_create(struct world *world, uint64_t gpu_cache_bytes, struct frame **ret,
 		 struct why *why);
 struct frame *frame_destroy(struct frame *frame);
 

@@ -10,7 +10,7 @@
 #include "formats/base/bytes.h"
 #include "formats/base/check.h"
 #include "formats/base/list.h"
-#include "viewer/scene.h"
+#include "viewer/world.h"
 
 struct gpu_copy {
 	struct list lru; /* of gpu_cache.lru: drawn longest ago first */
@@ -33,7 +33,7 @@ struct gpu_cache {
 	uint64_t bytes;
 	uint64_t frame;
 	struct list lru;
-	struct gpu_store stores[SCENE_STORE_COUNT_MAX];
+	struct gpu_store stores[WORLD_STORE_COUNT_MAX];
 };
 
 int gpu_cache_create(uint64_t bytes_max, struct gpu_cache **ret)
@@ -63,7 +63,7 @@ struct gpu_cache *gpu_cache_destroy(struct gpu_cache *cache)
 		return NULL;
 	LIST_FOR_EACH (link, &cache->lru)
 		drop(cache, LIST_ENTRY(link, struct gpu_copy, lru));
-	for (size_t i = 0; i < SCENE_STORE_COUNT_MAX; i++)
+	for (size_t i = 0; i < WORLD_STORE_COUNT_MAX; i++)
 		free(cache->stores[i].copies);
 	free(cache);
 	return NULL;

@@ -8,10 +8,10 @@
 #include "formats/base/log.h"
 #include "viewer/film.h"
 #include "viewer/model_store.h"
-#include "viewer/options.h"
 #include "viewer/show.h"
 #include "viewer/stop.h"
 #include "viewer/surface.h"
+#include "viewer/view_options.h"
 #include "viewer/window.h"
 
 enum exit_status {
@@ -78,7 +78,7 @@ static void write_summary(const struct show *show)
 				      .height = show->options->size.height };
 	struct ooc_counters counters;
 
-	ooc_counters(show->scene.client, &counters);
+	ooc_counters(show->world.client, &counters);
 	run.reconnects = counters.reconnects;
 	statistics_write_json(&show->statistics, &run, stdout);
 }
@@ -90,7 +90,7 @@ static int run(const struct options *options, char **store_paths, struct why *wh
 	int closed;
 	int r;
 
-	r = scene_init(&show.scene, options->socket_path, store_paths, options->input_count, why);
+	r = world_init(&show.world, options->socket_path, store_paths, options->input_count, why);
 	if (r < 0)
 		return r;
 	r = options->is_headless ? surface_open_headless(&show.surface, why)
@@ -98,7 +98,7 @@ static int run(const struct options *options, char **store_paths, struct why *wh
 						       options->size.height, &show.surface, why);
 	if (r < 0)
 		goto out_scene;
-	r = frame_create(&show.scene, options->gpu_cache_bytes, &show.frame, why);
+	r = frame_create(&show.world, options->gpu_cache_bytes, &show.frame, why);
 	if (r == 0)
 		r = open_outputs(&show, why);
 	if (r == 0)
@@ -114,7 +114,7 @@ static int run(const struct options *options, char **store_paths, struct why *wh
 	frame_destroy(show.frame);
 	surface_close(show.surface);
 out_scene:
-	scene_done(&show.scene);
+	world_done(&show.world);
 	return r;
 }
 

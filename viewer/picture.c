@@ -45,15 +45,15 @@ static int prepare_target(struct picture *picture, uint32_t width, uint32_t heig
 }
 
 /* How far away the world's box begins and ends, along the view. */
-static void depth_range(const struct scene *scene, double near, double ret[2])
+static void depth_range(const struct world *world, double near, double ret[2])
 {
-	const struct camera_view *view = &scene->stores[0].view;
-	const double scale = scene->stores[0].scale;
+	const struct camera_view *view = &world->stores[0].view;
+	const double scale = world->stores[0].scale;
 	double box[2][3];
 
 	ret[0] = near;
 	ret[1] = 2.0 * near;
-	if (!scene_box(scene, box[0], box[1]))
+	if (!world_box(world, box[0], box[1]))
 		return;
 	ret[0] = INFINITY;
 	ret[1] = -INFINITY;
@@ -61,7 +61,7 @@ static void depth_range(const struct scene *scene, double near, double ret[2])
 		double distance = 0.0;
 
 		for (unsigned k = 0; k < 3; k++) {
-			double origin = scene->stores[0].superblock->origin[k];
+			double origin = world->stores[0].superblock->origin[k];
 			double eye = (view->eye[k] + origin) * scale;
 
 			distance += (box[corner >> k & 1][k] - eye) * view->forward[k];
@@ -100,7 +100,7 @@ static void add_report(struct frame_report *sum, const struct frame_report *tile
 struct taking {
 	struct picture *picture;
 	struct frame *frame;
-	const struct scene *scene;
+	const struct world *world;
 	const struct camera *camera;
 	const struct frame_style *style;
 	struct picture_size size;
@@ -120,9 +120,9 @@ static int put_rows(struct taking *taking, const void *pixels, uint32_t row_coun
 		struct image_form form = { .width = taking->size.width,
 					   .height = taking->size.height,
 					   .channel = taking->style->channel,
-					   .near = scene_near(taking->scene) };
+					   .near = world_near(taking->world) };
 
-		depth_range(taking->scene, form.near, form.depth_range);
+		depth_range(taking->world, form.near, form.depth_range);
 		r = image_create(taking->path, &form, &taking->writer, why);
 		if (r < 0)
 			return r;
@@ -202,14 +202,14 @@ static int take_whole(struct taking *taking, bool is_settled, struct frame_repor
 	return put_rows(taking, taking->picture->pixels, size.height, why);
 }
 
-int picture_take(struct picture *picture, struct frame *frame, const struct scene *scene,
+int picture_take(struct picture *picture, struct frame *frame, const struct world *world,
 		 const struct camera *camera, const struct frame_style *style,
 		 struct picture_size size, bool is_settled, const char *path,
 		 struct frame_report *ret, struct why *why)
 {
 	struct taking taking = { .picture = picture,
 				 .frame = frame,
-				 .scene = scene,
+				 .world = world,
 				 .camera = camera,
 				 .style = style,
 				 .size = size,

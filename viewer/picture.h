@@ -37,7 +37,7 @@ void picture_done(struct picture *picture);
  *
  * Returns: 0, or as frame_draw_settled() and image_create() say.
  */
-int picture_take(struct picture *picture, struct frame *frame, const struct scene *scene,
+int picture_take(struct picture *picture, struct frame *frame, const struct world *world,
 		 const struct camera *camera, const struct frame_style *style,
 		 struct picture_size size, bool is_settled, const char *path,
 		 struct frame_report *ret, struct why *why);

@@ -23,7 +23,7 @@ void show_first_camera(const struct show *show, double aspect, struct camera *re
 	if (show->options->path)
 		*ret = show->options->path[0];
 	else
-		scene_frame_all(&show->scene, aspect, FOV_Y_DEGREES_DEFAULT, ret);
+		world_frame_all(&show->world, aspect, FOV_Y_DEGREES_DEFAULT, ret);
 }
 
 int show_frame_path(const char *folder, size_t frame, char **ret, struct why *why)

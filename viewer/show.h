@@ -10,16 +10,16 @@
 #include <stdio.h>
 
 #include "viewer/frame.h"
-#include "viewer/options.h"
 #include "viewer/picture.h"
-#include "viewer/scene.h"
 #include "viewer/statistics.h"
 #include "viewer/surface.h"
+#include "viewer/view_options.h"
+#include "viewer/world.h"
 
 struct show {
 	const struct options *options;
 	struct surface *surface;
-	struct scene scene;
+	struct world world;
 	struct frame *frame;
 	struct picture picture;
 	struct statistics statistics;

@@ -41,7 +41,7 @@ struct window {
 	GLFWwindow *handle;
 	struct hud *hud;
 	struct target target;
-	struct part_names part_names[SCENE_STORE_COUNT_MAX];
+	struct part_names part_names[WORLD_STORE_COUNT_MAX];
 	struct frame_style style;
 	struct camera camera;
 	struct gesture gesture;
@@ -99,7 +99,7 @@ static void set_cursor(struct window *window, double x, double y)
 	window->cursor[1] = y * window->target.height / (height > 0 ? height : 1);
 }
 
-/* Distance along the view of what a pixel shows; where it shows nothing, of the scene's middle. */
+/* Distance along the view of what a pixel shows; where it shows nothing, of the world's middle. */
 static double distance_at(const struct window *window, const double pixel[2])
 {
 	float depth = target_read_depth(&window->target, (int)pixel[0], (int)pixel[1]);
@@ -109,9 +109,9 @@ static double distance_at(const struct window *window, const double pixel[2])
 	struct camera_axes axes;
 
 	if (depth > 0.0f)
-		return scene_near(&window->show->scene) / (double)depth;
+		return world_near(&window->show->world) / (double)depth;
 	camera_control_axes(&window->camera, &axes);
-	if (scene_box(&window->show->scene, box_min, box_max)) {
+	if (world_box(&window->show->world, box_min, box_max)) {
 		for (int k = 0; k < 3; k++)
 			distance += axes.forward[k] *
 				    (0.5 * (box_min[k] + box_max[k]) - window->camera.eye[k]);
@@ -130,19 +130,19 @@ static void point_under_cursor(const struct window *window, double ret[3])
 
 static void pick(struct window *window)
 {
-	struct scene *scene = &window->show->scene;
+	struct world *world = &window->show->world;
 	struct why why = { "" };
 	uint64_t item = frame_pick(window->show->frame, &window->target, CHANNEL_PART,
 				   (int)window->cursor[0], (int)window->cursor[1]);
 	uint32_t store = (uint32_t)(item >> 32);
 	char line[WINDOW_TEXT_MESSAGE_BYTES];
 
-	if (item == CHANNEL_ITEM_NONE || store >= scene->store_count) {
+	if (item == CHANNEL_ITEM_NONE || store >= world->store_count) {
 		window->message_ns = 0;
 		window->must_show = true;
 		return;
 	}
-	if (part_names_describe(&window->part_names[store], scene->stores[store].path,
+	if (part_names_describe(&window->part_names[store], world->stores[store].path,
 				(uint32_t)item, line, sizeof(line), &why) < 0)
 		say(window, "part %u: %s", (uint32_t)item, why.text);
 	else
@@ -178,7 +178,7 @@ static void view_side(struct window *window, enum camera_control_side side)
 	double box_min[3];
 	double box_max[3];
 
-	if (!scene_box(&window->show->scene, box_min, box_max))
+	if (!world_box(&window->show->world, box_min, box_max))
 		return;
 	camera_control_view_side(&window->camera, side, window->gesture.up, box_min, box_max,
 				 aspect_of(window));
@@ -235,7 +235,7 @@ static void take_screenshot(struct window *window)
 	if (options->has_size)
 		size = options->size;
 	name_screenshot(path, sizeof(path));
-	if (picture_take(&window->show->picture, window->show->frame, &window->show->scene,
+	if (picture_take(&window->show->picture, window->show->frame, &window->show->world,
 			 &window->camera, &window->style, size, options->is_settled, path, &report,
 			 &why) < 0)
 		say(window, "no picture: %s", why.text);
@@ -251,15 +251,15 @@ static void change_budget(struct window *window, double factor)
 
 	budget = fmin(fmax(budget, (double)BUDGET_MIN), (double)BUDGET_MAX);
 	window->style.budget_triangles = (uint64_t)llrint(budget);
-	window->style.mode = SCENE_MODE_APPROXIMATE;
+	window->style.mode = WORLD_MODE_APPROXIMATE;
 	window->must_draw = true;
 }
 
 static void change_mode(struct window *window)
 {
-	bool was_full = window->style.mode == SCENE_MODE_FULL;
+	bool was_full = window->style.mode == WORLD_MODE_FULL;
 
-	window->style.mode = was_full ? SCENE_MODE_APPROXIMATE : SCENE_MODE_FULL;
+	window->style.mode = was_full ? WORLD_MODE_APPROXIMATE : WORLD_MODE_FULL;
 	window->must_draw = true;
 }
 
@@ -293,7 +293,7 @@ static void on_key_pressed(struct window *window, int key, int modifiers)
 		break;
 	case GLFW_KEY_HOME:
 	case GLFW_KEY_0:
-		scene_frame_all(&window->show->scene, aspect_of(window),
+		world_frame_all(&window->show->world, aspect_of(window),
 				window->camera.fov_y_degrees, &window->camera);
 		window->must_draw = true;
 		break;
@@ -466,7 +466,7 @@ static int draw(struct window *window)
 	window->must_draw = !frame_finish(show->frame) || window->report.is_unfinished;
 	window->report.ms = (double)(clock_now_ns() - begin_ns) / (double)NS_PER_MS;
 	window->must_show = true;
-	ooc_progress(show->scene.client, &progress);
+	ooc_progress(show->world.client, &progress);
 	window->drawable_count = progress.drawable_count;
 	window_rate_add(&window->rate, window->now_ns,
 			window->report.bytes_fetched + window->report.bytes_prefetched);
@@ -476,12 +476,12 @@ static int draw(struct window *window)
 
 static void add_texts(struct window *window)
 {
-	const struct scene *scene = &window->show->scene;
+	const struct world *world = &window->show->world;
 	char text[WINDOW_TEXT_BYTES];
 
 	if (!window->hides_hud && !window->shows_help) {
 		const struct window_text_facts facts = {
-			.scene = scene,
+			.world = world,
 			.style = &window->style,
 			.report = &window->report,
 			.bytes_per_s = window_rate_get(&window->rate, window->now_ns),
@@ -538,7 +538,7 @@ static int play(struct window *window)
 		r = show_frame_path(options->frames_folder, window->frames_written++, &path,
 				    &window->why);
 		if (r == 0)
-			r = picture_take(&show->picture, show->frame, &show->scene, &window->camera,
+			r = picture_take(&show->picture, show->frame, &show->world, &window->camera,
 					 &window->style, options->size, options->is_settled, path,
 					 &report, &window->why);
 		free(path);
@@ -563,11 +563,11 @@ static void step(struct window *window, uint64_t before_ns)
 /* Has anything come that the picture shown has not? */
 static void look_for_news(struct window *window)
 {
-	struct scene *scene = &window->show->scene;
+	struct world *world = &window->show->world;
 	struct ooc_progress progress;
 
-	scene_dispatch(scene);
-	ooc_progress(scene->client, &progress);
+	world_dispatch(world);
+	ooc_progress(world->client, &progress);
 	if (progress.drawable_count != window->drawable_count)
 		window->must_draw = true;
 }
@@ -597,7 +597,7 @@ static int take_last_picture(struct window *window)
 		return 0;
 	if (!options->screenshot_path)
 		return 1;
-	r = picture_take(&show->picture, show->frame, &show->scene, &window->camera, &window->style,
+	r = picture_take(&show->picture, show->frame, &show->world, &window->camera, &window->style,
 			 options->size, options->is_settled, options->screenshot_path, &report,
 			 &window->why);
 	return r < 0 ? r : 1;
@@ -651,8 +651,8 @@ static int begin(struct window *window)
 		return r;
 	if (!window->target.framebuffer)
 		return why_set(&window->why, -ENODEV, "the window has no size");
-	scene_up(&show->scene, window->gesture.up);
-	if (scene_box(&show->scene, box_min, box_max)) {
+	world_up(&show->world, window->gesture.up);
+	if (world_box(&show->world, box_min, box_max)) {
 		for (int k = 0; k < 3; k++)
 			size2 += (box_max[k] - box_min[k]) * (box_max[k] - box_min[k]);
 	}
@@ -688,7 +688,7 @@ int window_run(struct show *show, struct why *why)
 		r = 0;
 	if (r < 0)
 		*why = window->why;
-	for (size_t i = 0; i < SCENE_STORE_COUNT_MAX; i++)
+	for (size_t i = 0; i < WORLD_STORE_COUNT_MAX; i++)
 		part_names_done(&window->part_names[i]);
 	target_done(&window->target);
 	hud_destroy(window->hud);

@@ -14,7 +14,7 @@
 #include "viewer/show.h"
 
 /**
- * Shows the scene until the window is closed; with a path, plays it first, and ends after it where
+ * Shows the world until the window is closed; with a path, plays it first, and ends after it where
  * the options ask for something to be written.
  *
  * Returns: 0, -ECANCELED, or as picture_take() says.

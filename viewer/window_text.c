@@ -63,9 +63,9 @@ static const char *grouped(uint64_t number, char buffer[32])
 	return buffer;
 }
 
-static void add_units(char *buffer, const struct scene *scene)
+static void add_units(char *buffer, const struct world *world)
 {
-	double metres = scene->stores[0].superblock->unit_metres;
+	double metres = world->stores[0].superblock->unit_metres;
 
 	if (!(metres > 0.0))
 		add(buffer, "\nunits unknown");
@@ -87,13 +87,13 @@ const char *window_text_state(const struct window_text_facts *facts, char *buffe
 	char other_size[TEXT_SIZE_BYTES];
 	uint64_t all = 0;
 
-	for (uint32_t i = 0; i < facts->scene->store_count; i++)
-		all += facts->scene->stores[i].superblock->triangle_count;
-	ooc_counters(facts->scene->client, &counters);
+	for (uint32_t i = 0; i < facts->world->store_count; i++)
+		all += facts->world->stores[i].superblock->triangle_count;
+	ooc_counters(facts->world->client, &counters);
 	buffer[0] = '\0';
 	add(buffer, "%.1f ms  %s of %s triangles", report->ms, grouped(report->triangles, number),
 	    grouped(all, other));
-	if (facts->style->mode == SCENE_MODE_FULL)
+	if (facts->style->mode == WORLD_MODE_FULL)
 		add(buffer, "\nfull");
 	else
 		add(buffer, "\napproximate, budget %s",
@@ -104,7 +104,7 @@ const char *window_text_state(const struct window_text_facts *facts, char *buffe
 	add(buffer, "\ncache: %s of %s", text_from_size(counters.cache_used_bytes, size),
 	    text_from_size(counters.cache_bytes, other_size));
 	add(buffer, ", %s/s", text_from_size((uint64_t)llrint(facts->bytes_per_s), size));
-	add_units(buffer, facts->scene);
+	add_units(buffer, facts->world);
 	add(buffer, "   H: keys");
 	return buffer;
 }

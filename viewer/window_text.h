@@ -11,7 +11,7 @@
 #include <stdint.h>
 
 #include "viewer/frame.h"
-#include "viewer/scene.h"
+#include "viewer/world.h"
 
 #define WINDOW_TEXT_BYTES         1024
 #define WINDOW_TEXT_MESSAGE_BYTES 512
@@ -20,7 +20,7 @@
 extern const char window_text_help[];
 
 struct window_text_facts {
-	const struct scene *scene;
+	const struct world *world;
 	const struct frame_style *style;
 	const struct frame_report *report;
 	double bytes_per_s;

@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: MIT */
 /**
- * scene.h - the stores that are looked at, as one world.
+ * world.h - the stores that are looked at, as one world.
  *
  * The world's coordinates are model units of the first store.  Stores whose file says how long its
  * unit is are scaled to that; the others are taken to use the same unit.
  *
- * The scene knows which nodes a camera wants; it draws nothing (frame.h).
+ * The module knows which nodes a camera wants; it draws nothing (frame.h).
  *
  * Threads: the thread of its client.
  */
-#ifndef VIEWER_SCENE_H
-#define VIEWER_SCENE_H
+#ifndef VIEWER_WORLD_H
+#define VIEWER_WORLD_H
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -21,9 +21,9 @@
 #include "libclient/select/camera.h"
 #include "libclient/select/select.h"
 
-#define SCENE_STORE_COUNT_MAX 64u
+#define WORLD_STORE_COUNT_MAX 64u
 
-struct scene_store {
+struct world_store {
 	char *path;
 	struct ooc_store *store;
 	const struct store_superblock *superblock;
@@ -31,33 +31,33 @@ struct scene_store {
 	struct selector *selector;
 	double scale;            /* world units a unit of the store */
 	bool is_lost;            /* has been said */
-	struct camera_view view; /* of the newest scene_look() */
+	struct camera_view view; /* of the newest world_look() */
 };
 
-enum scene_mode {
-	SCENE_MODE_FULL,        /* all that is in the frustum */
-	SCENE_MODE_APPROXIMATE, /* what most likely shows, up to a budget of triangles */
+enum world_mode {
+	WORLD_MODE_FULL,        /* all that is in the frustum */
+	WORLD_MODE_APPROXIMATE, /* what most likely shows, up to a budget of triangles */
 };
 
 /** A wanted node. */
-struct scene_want {
-	uint32_t store; /* index into scene.stores */
+struct world_want {
+	uint32_t store; /* index into world.stores */
 	uint32_t node;
 	float importance;
 };
 
-struct scene {
+struct world {
 	struct ooc_client *client;
-	struct scene_store stores[SCENE_STORE_COUNT_MAX];
+	struct world_store stores[WORLD_STORE_COUNT_MAX];
 	uint32_t store_count;
 
-	/* Of the newest scene_look(), most important first. */
-	struct scene_want *wants;
+	/* Of the newest world_look(), most important first. */
+	struct world_want *wants;
 	size_t want_count;
 	uint64_t want_triangles;
 
 	size_t want_room;
-	struct ooc_want *ooc_wants; /* as many as wants: scratch of scene_ask() */
+	struct ooc_want *ooc_wants; /* as many as wants: scratch of world_ask() */
 };
 
 /**
@@ -66,42 +66,42 @@ struct scene {
  * socket_path:  NULL: the usual places.
  *
  * Returns: 0, or a negative errno with the store and the reason.
- * Ownership: ended with scene_done(), which accepts one that is all zero.
+ * Ownership: ended with world_done(), which accepts one that is all zero.
  */
-int scene_init(struct scene *ret, const char *socket_path, char *const *paths, uint32_t path_count,
+int world_init(struct world *ret, const char *socket_path, char *const *paths, uint32_t path_count,
 	       struct why *why);
-void scene_done(struct scene *scene);
+void world_done(struct world *world);
 
 /** The whole world, well framed. */
-void scene_frame_all(const struct scene *scene, double aspect, double fov_y_degrees,
+void world_frame_all(const struct world *world, double aspect, double fov_y_degrees,
 		     struct camera *ret);
 
 /** Up of the first store that knows, else +Z: a unit vector. */
-void scene_up(const struct scene *scene, double ret[3]);
+void world_up(const struct world *world, double ret[3]);
 
 /** The box of all stores in the world.  Returns: false when there is nothing in it. */
-bool scene_box(const struct scene *scene, double ret_min[3], double ret_max[3]);
+bool world_box(const struct world *world, double ret_min[3], double ret_max[3]);
 
 /**
  * Points the camera: makes each store's view and the list of wanted nodes.
  *
- * budget_triangles:  for SCENE_MODE_APPROXIMATE; over all stores.
+ * budget_triangles:  for WORLD_MODE_APPROXIMATE; over all stores.
  *
  * Returns: 0, -EINVAL when the camera has no direction, or -ENOMEM.
  */
-int scene_look(struct scene *scene, const struct camera *camera, double aspect,
-	       enum scene_mode mode, uint64_t budget_triangles, struct why *why);
+int world_look(struct world *world, const struct camera *camera, double aspect,
+	       enum world_mode mode, uint64_t budget_triangles, struct why *why);
 
 /** Asks the daemon for `count` wants from wants[first] on.  Returns: 0 or -errno with the reason. */
-int scene_ask(struct scene *scene, size_t first, size_t count, struct why *why);
+int world_ask(struct world *world, size_t first, size_t count, struct why *why);
 
 /**
  * Takes what the daemon has sent, and warns, once each, of stores that it serves no longer.  A daemon
  * that is away is tried again with the next call.
  */
-void scene_dispatch(struct scene *scene);
+void world_dispatch(struct world *world);
 
-/** Distance of the near plane in the world, of the newest scene_look(). */
-double scene_near(const struct scene *scene);
+/** Distance of the near plane in the world, of the newest world_look(). */
+double world_near(const struct world *world);
 
-#endif /* VIEWER_SCENE_H */
+#endif /* VIEWER_WORLD_H */

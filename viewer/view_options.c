@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "viewer/options.h"
+#include "viewer/view_options.h"
 
 #include <errno.h>
 #include <getopt.h>
@@ -139,12 +139,12 @@ static int to_colour(const char *text, uint8_t ret[3])
 	return 0;
 }
 
-static int to_mode(const char *text, enum scene_mode *ret)
+static int to_mode(const char *text, enum world_mode *ret)
 {
 	if (strcmp(text, "full") == 0)
-		*ret = SCENE_MODE_FULL;
+		*ret = WORLD_MODE_FULL;
 	else if (strcmp(text, "approximate") == 0)
-		*ret = SCENE_MODE_APPROXIMATE;
+		*ret = WORLD_MODE_APPROXIMATE;
 	else
 		return -EINVAL;
 	return 0;

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT */
 /**
- * options.h - the command line of oocview, read and judged as a whole.
+ * view_options.h - the command line of oocview, read and judged as a whole.
  *
  * Threads: main(), once.
  */
-#ifndef VIEWER_OPTIONS_H
-#define VIEWER_OPTIONS_H
+#ifndef VIEWER_VIEW_OPTIONS_H
+#define VIEWER_VIEW_OPTIONS_H
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -49,4 +49,4 @@ void options_done(struct options *options);
 /** Does the program end after the last picture of its own accord? */
 bool options_is_bounded(const struct options *options);
 
-#endif /* VIEWER_OPTIONS_H */
+#endif /* VIEWER_VIEW_OPTIONS_H */

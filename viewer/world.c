@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "viewer/scene.h"
+#include "viewer/world.h"
 
 #include <errno.h>
 #include <math.h>
@@ -10,67 +10,67 @@
 #include "formats/base/check.h"
 #include "formats/base/log.h"
 
-static int open_store(struct scene *scene, const char *path, struct why *why)
+static int open_store(struct world *world, const char *path, struct why *why)
 {
-	struct scene_store *store = &scene->stores[scene->store_count];
+	struct world_store *store = &world->stores[world->store_count];
 	double unit_metres;
 	int r;
 
 	store->path = strdup(path);
 	if (!store->path)
 		return why_errno(why, -ENOMEM, "%s", path);
-	scene->store_count++;
-	r = ooc_open(scene->client, path, &store->store);
+	world->store_count++;
+	r = ooc_open(world->client, path, &store->store);
 	if (r < 0)
-		return why_set(why, r, "%s: %s", path, ooc_error_text(scene->client));
+		return why_set(why, r, "%s: %s", path, ooc_error_text(world->client));
 	store->superblock = ooc_superblock(store->store);
 	store->nodes = ooc_nodes(store->store);
 	r = selector_create(store->superblock, store->nodes, &store->selector);
 	if (r < 0)
 		return why_errno(why, r, "%s", path);
 
-	unit_metres = scene->stores[0].superblock->unit_metres;
+	unit_metres = world->stores[0].superblock->unit_metres;
 	store->scale = 1.0;
 	if (unit_metres > 0.0 && store->superblock->unit_metres > 0.0)
 		store->scale = store->superblock->unit_metres / unit_metres;
 	return 0;
 }
 
-int scene_init(struct scene *ret, const char *socket_path, char *const *paths, uint32_t path_count,
+int world_init(struct world *ret, const char *socket_path, char *const *paths, uint32_t path_count,
 	       struct why *why)
 {
-	struct scene scene = { 0 };
+	struct world world = { 0 };
 	int r;
 
 	CHECK(path_count > 0);
-	if (path_count > SCENE_STORE_COUNT_MAX)
+	if (path_count > WORLD_STORE_COUNT_MAX)
 		return why_set(why, -E2BIG, "%u stores: at most %u fit into one view", path_count,
-			       SCENE_STORE_COUNT_MAX);
-	r = ooc_connect(socket_path, "oocview", &scene.client);
+			       WORLD_STORE_COUNT_MAX);
+	r = ooc_connect(socket_path, "oocview", &world.client);
 	if (r < 0)
 		return why_set(why, r, "%s", ooc_error_text(NULL));
 	for (uint32_t i = 0; i < path_count; i++) {
-		r = open_store(&scene, paths[i], why);
+		r = open_store(&world, paths[i], why);
 		if (r < 0) {
-			scene_done(&scene);
+			world_done(&world);
 			return r;
 		}
 	}
-	*ret = scene;
+	*ret = world;
 	return 0;
 }
 
-void scene_done(struct scene *scene)
+void world_done(struct world *world)
 {
-	for (uint32_t i = 0; i < scene->store_count; i++) {
-		selector_destroy(scene->stores[i].selector);
-		free(scene->stores[i].path);
+	for (uint32_t i = 0; i < world->store_count; i++) {
+		selector_destroy(world->stores[i].selector);
+		free(world->stores[i].path);
 	}
 	/* Closes the stores. */
-	ooc_disconnect(scene->client);
-	free(scene->wants);
-	free(scene->ooc_wants);
-	memset(scene, 0, sizeof(*scene));
+	ooc_disconnect(world->client);
+	free(world->wants);
+	free(world->ooc_wants);
+	memset(world, 0, sizeof(*world));
 }
 
 static bool has_box(const struct store_superblock *superblock)
@@ -78,13 +78,13 @@ static bool has_box(const struct store_superblock *superblock)
 	return superblock->triangle_count > 0;
 }
 
-bool scene_box(const struct scene *scene, double ret_min[3], double ret_max[3])
+bool world_box(const struct world *world, double ret_min[3], double ret_max[3])
 {
 	double least[3] = { INFINITY, INFINITY, INFINITY };
 	double most[3] = { -INFINITY, -INFINITY, -INFINITY };
 
-	for (uint32_t i = 0; i < scene->store_count; i++) {
-		const struct scene_store *store = &scene->stores[i];
+	for (uint32_t i = 0; i < world->store_count; i++) {
+		const struct world_store *store = &world->stores[i];
 		const struct store_superblock *superblock = store->superblock;
 
 		if (!has_box(superblock))
@@ -103,31 +103,31 @@ bool scene_box(const struct scene *scene, double ret_min[3], double ret_max[3])
 	return true;
 }
 
-void scene_frame_all(const struct scene *scene, double aspect, double fov_y_degrees,
+void world_frame_all(const struct world *world, double aspect, double fov_y_degrees,
 		     struct camera *ret)
 {
-	struct store_superblock world = *scene->stores[0].superblock;
-	const struct store_superblock *superblocks[] = { &world };
+	struct store_superblock whole = *world->stores[0].superblock;
+	const struct store_superblock *superblocks[] = { &whole };
 	double least[3] = { 0.0, 0.0, 0.0 };
 	double most[3] = { 0.0, 0.0, 0.0 };
 
 	/* One store as large as all: it has the first one's up axis and the world's units. */
-	(void)scene_box(scene, least, most);
+	(void)world_box(world, least, most);
 	for (int k = 0; k < 3; k++) {
-		world.origin[k] = 0.5 * (least[k] + most[k]);
-		world.box_min[k] = least[k] - world.origin[k];
-		world.box_max[k] = most[k] - world.origin[k];
+		whole.origin[k] = 0.5 * (least[k] + most[k]);
+		whole.box_min[k] = least[k] - whole.origin[k];
+		whole.box_max[k] = most[k] - whole.origin[k];
 	}
 	camera_frame_all(ret, superblocks, 1, aspect, fov_y_degrees);
 }
 
-void scene_up(const struct scene *scene, double ret[3])
+void world_up(const struct world *world, double ret[3])
 {
 	uint32_t axis = STORE_AXIS_UNKNOWN;
 
 	/* As camera_frame_all(): the first store that knows decides. */
-	for (uint32_t i = 0; i < scene->store_count && axis == STORE_AXIS_UNKNOWN; i++)
-		axis = scene->stores[i].superblock->up_axis;
+	for (uint32_t i = 0; i < world->store_count && axis == STORE_AXIS_UNKNOWN; i++)
+		axis = world->stores[i].superblock->up_axis;
 	if (axis == STORE_AXIS_UNKNOWN)
 		axis = STORE_AXIS_Z;
 	for (uint32_t k = 0; k < 3; k++)
@@ -145,21 +145,21 @@ static void camera_scaled(const struct camera *camera, double scale, struct came
 	}
 }
 
-static int make_views(struct scene *scene, const struct camera *camera, double aspect,
+static int make_views(struct world *world, const struct camera *camera, double aspect,
 		      struct why *why)
 {
 	struct camera scaled;
 	double near = INFINITY;
 
 	/* One near plane for all, so that their depths compare. */
-	for (uint32_t i = 0; i < scene->store_count; i++) {
-		struct scene_store *store = &scene->stores[i];
+	for (uint32_t i = 0; i < world->store_count; i++) {
+		struct world_store *store = &world->stores[i];
 
 		camera_scaled(camera, store->scale, &scaled);
 		near = fmin(near, camera_near(&scaled, store->superblock) * store->scale);
 	}
-	for (uint32_t i = 0; i < scene->store_count; i++) {
-		struct scene_store *store = &scene->stores[i];
+	for (uint32_t i = 0; i < world->store_count; i++) {
+		struct world_store *store = &world->stores[i];
 		int r;
 
 		camera_scaled(camera, store->scale, &scaled);
@@ -173,28 +173,28 @@ static int make_views(struct scene *scene, const struct camera *camera, double a
 	return 0;
 }
 
-static int add_wants(struct scene *scene, uint32_t store, const struct selection *selection)
+static int add_wants(struct world *world, uint32_t store, const struct selection *selection)
 {
-	size_t count = scene->want_count + selection->entry_count;
+	size_t count = world->want_count + selection->entry_count;
 
-	if (count > scene->want_room) {
+	if (count > world->want_room) {
 		size_t room = count + count / 2;
-		void *wants = realloc(scene->wants, room * sizeof(*scene->wants));
+		void *wants = realloc(world->wants, room * sizeof(*world->wants));
 		void *ooc_wants;
 
 		if (!wants)
 			return -ENOMEM;
-		scene->wants = wants;
-		ooc_wants = realloc(scene->ooc_wants, room * sizeof(*scene->ooc_wants));
+		world->wants = wants;
+		ooc_wants = realloc(world->ooc_wants, room * sizeof(*world->ooc_wants));
 		if (!ooc_wants)
 			return -ENOMEM;
-		scene->ooc_wants = ooc_wants;
-		scene->want_room = room;
+		world->ooc_wants = ooc_wants;
+		world->want_room = room;
 	}
 	for (size_t i = 0; i < selection->entry_count; i++) {
 		const struct selection_entry *entry = &selection->entries[i];
 
-		scene->wants[scene->want_count++] = (struct scene_want){
+		world->wants[world->want_count++] = (struct world_want){
 			.store = store, .node = entry->node, .importance = entry->importance
 		};
 	}
@@ -204,8 +204,8 @@ static int add_wants(struct scene *scene, uint32_t store, const struct selection
 /* Most important first; a store's own order stays, for its entries come in that order. */
 static int compare_wants(const void *left, const void *right)
 {
-	const struct scene_want *a = left;
-	const struct scene_want *b = right;
+	const struct world_want *a = left;
+	const struct world_want *b = right;
 
 	if (a->importance != b->importance)
 		return a->importance > b->importance ? -1 : 1;
@@ -215,77 +215,77 @@ static int compare_wants(const void *left, const void *right)
 }
 
 /* Cuts the list where the budget is spent; the first node always stays. */
-static void apply_budget(struct scene *scene, uint64_t budget_triangles)
+static void apply_budget(struct world *world, uint64_t budget_triangles)
 {
 	uint64_t triangles = 0;
 	size_t count = 0;
 
-	while (count < scene->want_count && (count == 0 || triangles < budget_triangles)) {
-		const struct scene_want *want = &scene->wants[count++];
+	while (count < world->want_count && (count == 0 || triangles < budget_triangles)) {
+		const struct world_want *want = &world->wants[count++];
 
-		triangles += scene->stores[want->store].nodes[want->node].triangle_count;
+		triangles += world->stores[want->store].nodes[want->node].triangle_count;
 	}
-	scene->want_count = count;
-	scene->want_triangles = triangles;
+	world->want_count = count;
+	world->want_triangles = triangles;
 }
 
-int scene_look(struct scene *scene, const struct camera *camera, double aspect,
-	       enum scene_mode mode, uint64_t budget_triangles, struct why *why)
+int world_look(struct world *world, const struct camera *camera, double aspect,
+	       enum world_mode mode, uint64_t budget_triangles, struct why *why)
 {
-	int r = make_views(scene, camera, aspect, why);
+	int r = make_views(world, camera, aspect, why);
 
 	if (r < 0)
 		return r;
-	scene->want_count = 0;
-	scene->want_triangles = 0;
-	for (uint32_t i = 0; i < scene->store_count; i++) {
-		struct scene_store *store = &scene->stores[i];
+	world->want_count = 0;
+	world->want_triangles = 0;
+	for (uint32_t i = 0; i < world->store_count; i++) {
+		struct world_store *store = &world->stores[i];
 		struct selection selection;
 
-		if (mode == SCENE_MODE_FULL)
+		if (mode == WORLD_MODE_FULL)
 			select_frustum(store->selector, &store->view, &selection);
 		else
 			select_layers(store->selector, &store->view, budget_triangles, &selection);
-		r = add_wants(scene, i, &selection);
+		r = add_wants(world, i, &selection);
 		if (r < 0)
 			return why_errno(why, r, "the list of wanted nodes");
-		scene->want_triangles += selection.triangle_count;
+		world->want_triangles += selection.triangle_count;
 	}
-	if (scene->store_count == 1)
+	if (world->store_count == 1)
 		return 0;
-	qsort(scene->wants, scene->want_count, sizeof(*scene->wants), compare_wants);
-	if (mode == SCENE_MODE_APPROXIMATE && budget_triangles > 0)
-		apply_budget(scene, budget_triangles);
+	qsort(world->wants, world->want_count, sizeof(*world->wants), compare_wants);
+	if (mode == WORLD_MODE_APPROXIMATE && budget_triangles > 0)
+		apply_budget(world, budget_triangles);
 	return 0;
 }
 
-int scene_ask(struct scene *scene, size_t first, size_t count, struct why *why)
+int world_ask(struct world *world, size_t first, size_t count, struct why *why)
 {
 	int64_t serial;
 
-	CHECK(first <= scene->want_count && count <= scene->want_count - first);
+	CHECK(first <= world->want_count && count <= world->want_count - first);
 	for (size_t i = 0; i < count; i++) {
-		const struct scene_want *want = &scene->wants[first + i];
+		const struct world_want *want = &world->wants[first + i];
 
-		scene->ooc_wants[i] = (struct ooc_want){
-			.store = scene->stores[want->store].store,
+		world->ooc_wants[i] = (struct ooc_want){
+			.store = world->stores[want->store].store,
 			.node = want->node,
 			.importance = want->importance,
 		};
 	}
-	serial = ooc_visible_set(scene->client, scene->ooc_wants, count);
+	serial = ooc_visible_set(world->client, world->ooc_wants, count);
 	if (serial < 0)
 		return why_set(why, (int)serial, "asking for %zu nodes: %s", count,
-			       ooc_error_text(scene->client));
+			       ooc_error_text(world->client));
 	return 0;
 }
 
-void scene_dispatch(struct scene *scene)
+void world_dispatch(struct world *world)
 {
-	if (ooc_dispatch(scene->client) != -ESTALE)
+	if (ooc_dispatch(world->client) != -ESTALE)
 		return;
-	for (uint32_t i = 0; i < scene->store_count; i++) {
-		struct scene_store *store = &scene->stores[i];
+	for (uint32_t i = 0; i < world->store_count; i++) {
+		struct world_store *store = &world->stores[i];
 		int error = ooc_store_error(store->store);
 
 		if (error == 0 || store->is_lost)
@@ -300,7 +300,7 @@ void scene_dispatch(struct scene *scene)
 	}
 }
 
-double scene_near(const struct scene *scene)
+double world_near(const struct world *world)
 {
-	return scene->stores[0].view.near * scene->stores[0].scale;
+	return world->stores[0].view.near * world->stores[0].scale;
 }
