@@ -103,6 +103,16 @@ bool world_box(const struct world *world, double ret_min[3], double ret_max[3])
 	return true;
 }
 
+/* The first store that knows decides. */
+static uint32_t up_axis(const struct world *world)
+{
+	for (uint32_t i = 0; i < world->store_count; i++) {
+		if (world->stores[i].superblock->up_axis != STORE_AXIS_UNKNOWN)
+			return world->stores[i].superblock->up_axis;
+	}
+	return STORE_AXIS_Z;
+}
+
 void world_frame_all(const struct world *world, double aspect, double fov_y_degrees,
 		     struct camera *ret)
 {
@@ -111,8 +121,9 @@ void world_frame_all(const struct world *world, double aspect, double fov_y_degr
 	double least[3] = { 0.0, 0.0, 0.0 };
 	double most[3] = { 0.0, 0.0, 0.0 };
 
-	/* One store as large as all: it has the first one's up axis and the world's units. */
+	/* One store as large as all, in the world's units. */
 	(void)world_box(world, least, most);
+	whole.up_axis = up_axis(world);
 	for (int k = 0; k < 3; k++) {
 		whole.origin[k] = 0.5 * (least[k] + most[k]);
 		whole.box_min[k] = least[k] - whole.origin[k];
@@ -123,13 +134,8 @@ void world_frame_all(const struct world *world, double aspect, double fov_y_degr
 
 void world_up(const struct world *world, double ret[3])
 {
-	uint32_t axis = STORE_AXIS_UNKNOWN;
+	uint32_t axis = up_axis(world);
 
-	/* As camera_frame_all(): the first store that knows decides. */
-	for (uint32_t i = 0; i < world->store_count && axis == STORE_AXIS_UNKNOWN; i++)
-		axis = world->stores[i].superblock->up_axis;
-	if (axis == STORE_AXIS_UNKNOWN)
-		axis = STORE_AXIS_Z;
 	for (uint32_t k = 0; k < 3; k++)
 		ret[k] = axis == STORE_AXIS_X + k ? 1.0 : 0.0;
 }
