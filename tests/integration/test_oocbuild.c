@@ -603,6 +603,34 @@ static void bad_input_is_one_line_and_no_store(void **state)
 	assert_string_equal(test_folder_list(*state), "nothing.ply text.ply ");
 }
 
+static void progress_is_shown_on_a_terminal_and_never_in_a_pipe(void **state)
+{
+	char said[65536];
+
+	make_plant(*state, 600000);
+	assert_int_equal(
+		test_command(said, sizeof(said),
+			     "cd %s && \"$OOCD_BIN\"/oocbuild -o s.ooc plant.ply >/dev/null",
+			     (char *)*state),
+		0);
+	assert_string_equal(said, "");
+	assert_int_equal(
+		test_command(said, sizeof(said),
+			     "cd %s && script -qec '\"$OOCD_BIN\"/oocbuild --json --jobs 1 -o "
+			     "s.ooc plant.ply' /dev/null",
+			     (char *)*state),
+		0);
+	assert_non_null(strstr(said, "Mtriangles/s"));
+	assert_non_null(strstr(said, "MiB"));
+	assert_int_equal(
+		test_command(said, sizeof(said),
+			     "cd %s && script -qec '\"$OOCD_BIN\"/oocbuild --quiet -o s.ooc "
+			     "plant.ply' /dev/null",
+			     (char *)*state),
+		0);
+	assert_string_equal(said, "");
+}
+
 static void wrong_usage_says_what_is_wanted(void **state)
 {
 	static const char *const wrong[][2] = {
@@ -658,6 +686,7 @@ int main(void)
 		TEST(a_disk_that_is_full_leaves_nothing_and_the_old_store),
 		TEST(an_interrupted_build_leaves_nothing),
 		TEST(bad_input_is_one_line_and_no_store),
+		TEST(progress_is_shown_on_a_terminal_and_never_in_a_pipe),
 		cmocka_unit_test(wrong_usage_says_what_is_wanted),
 	};
 

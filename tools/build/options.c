@@ -261,9 +261,25 @@ static int take(int id, const char *text, struct options *options, struct why *w
 	}
 }
 
-/* Half of the memory that is available now. */
+/* A number at the beginning of a file; UINT64_MAX: there is none. */
+static uint64_t number_in(const char *path)
+{
+	FILE *file = fopen(path, "re");
+	unsigned long long value = UINT64_MAX;
+
+	if (!file)
+		return UINT64_MAX;
+	if (fscanf(file, "%llu", &value) != 1)
+		value = UINT64_MAX;
+	(void)fclose(file);
+	return value;
+}
+
+/* Half of the memory that is available now, and of what a container may have. */
 static uint64_t default_memory(void)
 {
+	uint64_t limit = u64_min(number_in("/sys/fs/cgroup/memory.max"),
+				 number_in("/sys/fs/cgroup/memory/memory.limit_in_bytes"));
 	FILE *file = fopen("/proc/meminfo", "re");
 	unsigned long long available = 0;
 	char line[128];
@@ -273,7 +289,7 @@ static uint64_t default_memory(void)
 			break;
 	if (file)
 		(void)fclose(file);
-	return available > 0 ? available * KIB / 2 : GIB;
+	return u64_min(available > 0 ? available * KIB : 2 * GIB, limit) / 2;
 }
 
 int options_parse(int argc, char **argv, struct options *ret, struct why *why)
