@@ -195,17 +195,17 @@ static void a_difference_is_explained_by_edges_and_ties_alone(void **state)
 	(void)state;
 	assert_int_equal(camera_view_init(&view, &camera, &superblock, 1.0, 0.1), 0);
 	/* In the middle of the wall. */
-	assert_false(explain_difference(&explain, wall, behind, 30, 70));
-	assert_false(explain_difference(&explain, wall, NULL, 30, 70));
-	assert_true(explain_difference(&explain, wall, same, 30, 70));
-	/* A pixel from its left edge, which is at 10.0: no; with half a unit of error: yes. */
-	assert_false(explain_difference(&explain, wall, behind, 11, 70));
+	assert_int_equal(explain_difference(&explain, wall, behind, 30, 70), EXPLAIN_NONE);
+	assert_int_equal(explain_difference(&explain, wall, NULL, 30, 70), EXPLAIN_NONE);
+	assert_int_equal(explain_difference(&explain, wall, same, 30, 70), EXPLAIN_TIE);
+	/* A pixel from its left edge, which is at 10.0: no; with error enough: yes. */
+	assert_int_equal(explain_difference(&explain, wall, behind, 11, 70), EXPLAIN_NONE);
 	explain.error = 0.2;
-	assert_true(explain_difference(&explain, wall, behind, 11, 70));
-	assert_false(explain_difference(&explain, wall, behind, 30, 70));
+	assert_int_equal(explain_difference(&explain, wall, behind, 11, 70), EXPLAIN_EDGE);
+	assert_int_equal(explain_difference(&explain, wall, behind, 30, 70), EXPLAIN_NONE);
 	/* Depths that are off by more than they differ. */
 	explain.error = 0.6;
-	assert_true(explain_difference(&explain, wall, behind, 30, 70));
+	assert_int_equal(explain_difference(&explain, wall, behind, 30, 70), EXPLAIN_EDGE);
 }
 
 /* ---- path ---- */

@@ -112,14 +112,15 @@ static double depth_with_doubt(const struct explain *explain, const struct seen 
 	return depth;
 }
 
-bool explain_difference(const struct explain *explain, const double (*a)[3], const double (*b)[3],
-			uint32_t x, uint32_t y)
+enum explain_reason explain_difference(const struct explain *explain, const double (*a)[3],
+				       const double (*b)[3], uint32_t x, uint32_t y)
 {
 	const double(*triangles[2])[3] = { a, b };
 	double centre_x = x + 0.5 - 0.5 * explain->width;
 	double centre_y = 0.5 * explain->height - (y + 0.5);
 	double depths[2] = { INFINITY, INFINITY };
 	double doubts[2] = { 0.0, 0.0 };
+	bool is_at_edge = false;
 
 	for (int i = 0; i < 2; i++) {
 		struct seen seen[3];
@@ -129,12 +130,16 @@ bool explain_difference(const struct explain *explain, const double (*a)[3], con
 		for (int c = 0; c < 3; c++)
 			seen[c] = see(explain->view, triangles[i][c]);
 		for (int c = 0; c < 3; c++)
-			if (is_near_edge(explain, seen[c], seen[(c + 1) % 3], centre_x, centre_y))
-				return true;
+			is_at_edge = is_at_edge || is_near_edge(explain, seen[c], seen[(c + 1) % 3],
+								centre_x, centre_y);
 		depths[i] = depth_with_doubt(explain, seen, centre_x, centre_y, &doubts[i]);
-		/* Where the near plane cuts it is an edge too. */
-		if (!isfinite(depths[i]) || fabs(depths[i] - explain->view->near) <= doubts[i])
-			return true;
+		/* Where the near plane cuts it is an edge too; so is all of it, seen edge-on. */
+		is_at_edge = is_at_edge || !isfinite(depths[i]) ||
+			     fabs(depths[i] - explain->view->near) <= doubts[i];
 	}
-	return a && b && fabs(depths[0] - depths[1]) <= doubts[0] + doubts[1];
+	if (a && b && fabs(depths[0] - depths[1]) <= DEPTH_TIE * fabs(depths[0]))
+		return EXPLAIN_TIE;
+	if (is_at_edge || (a && b && fabs(depths[0] - depths[1]) <= doubts[0] + doubts[1]))
+		return EXPLAIN_EDGE;
+	return EXPLAIN_NONE;
 }

@@ -23,11 +23,17 @@ struct explain {
 	double error;  /* how far vertices may be off in the world */
 };
 
+enum explain_reason {
+	EXPLAIN_NONE, /* a fault */
+	EXPLAIN_EDGE, /* or depths that may be off by as much as they differ */
+	EXPLAIN_TIE,  /* both have the same depth there, to a float's precision: coplanar faces */
+};
+
 /**
- * triangles:  those that the two pictures show, from the store's origin; NULL: nothing.
- * x, y:       the pixel, from the upper left corner.
+ * a, b:  the triangles that the two pictures show, from the store's origin; NULL: nothing.
+ * x, y:  the pixel, from the upper left corner.
  */
-bool explain_difference(const struct explain *explain, const double (*a)[3], const double (*b)[3],
-			uint32_t x, uint32_t y);
+enum explain_reason explain_difference(const struct explain *explain, const double (*a)[3],
+				       const double (*b)[3], uint32_t x, uint32_t y);
 
 #endif /* TOOLS_BENCH_EXPLAIN_H */
