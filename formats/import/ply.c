@@ -589,6 +589,8 @@ int ply_import(struct import_job *job, struct why *why)
 	struct ply ply = { .job = job, .source = job->source };
 	int r = ply_header_read(job->source, &ply.header, why);
 
+	job->info->unit_metres = ply.header.unit_metres;
+	job->info->up_axis = ply.header.up_axis;
 	if (r == 0)
 		r = ply_prepare(&ply, why);
 	for (uint32_t i = 0; i < ply.header.element_count && r == 0; i++)

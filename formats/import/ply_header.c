@@ -195,6 +195,33 @@ static int header_check_counts(const struct source *source, struct ply_header *h
 	return 0;
 }
 
+/*
+ * The format has no field for units and up axis; writers that know them say so in a comment, and
+ * any other comment means nothing to us.
+ */
+static void take_comment(struct ply_header *header, const struct header_line *line)
+{
+	static const struct {
+		const char *word;
+		double metres;
+	} units[] = { { "metres", 1.0 },        { "meters", 1.0 },       { "millimetres", 0.001 },
+		      { "millimeters", 0.001 }, { "centimetres", 0.01 }, { "centimeters", 0.01 },
+		      { "inches", 0.0254 },     { "feet", 0.3048 } };
+	static const char *const axes[] = { "x", "y", "z" };
+
+	if (line->word_count != 3)
+		return;
+	if (strcmp(line->words[1], "unit") == 0) {
+		for (size_t i = 0; i < ARRAY_LENGTH(units); i++)
+			if (strcmp(line->words[2], units[i].word) == 0)
+				header->unit_metres = units[i].metres;
+	} else if (strcmp(line->words[1], "up") == 0) {
+		for (size_t i = 0; i < ARRAY_LENGTH(axes); i++)
+			if (strcmp(line->words[2], axes[i]) == 0)
+				header->up_axis = (enum store_axis)(STORE_AXIS_X + i);
+	}
+}
+
 int ply_header_read(struct source *source, struct ply_header *ret, struct why *why)
 {
 	struct header_line line;
@@ -223,7 +250,9 @@ int ply_header_read(struct source *source, struct ply_header *ret, struct why *w
 			r = take_element(ret, &line, source, why);
 		} else if (strcmp(word, "property") == 0) {
 			r = take_property(ret, &line, source, why);
-		} else if (*word && strcmp(word, "comment") != 0 && strcmp(word, "obj_info") != 0) {
+		} else if (strcmp(word, "comment") == 0) {
+			take_comment(ret, &line);
+		} else if (*word && strcmp(word, "obj_info") != 0) {
 			r = header_fault(source, why, "an unknown word");
 		}
 		if (r < 0)

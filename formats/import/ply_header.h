@@ -11,6 +11,7 @@
 #include <stdint.h>
 
 #include "formats/import/source.h"
+#include "formats/store/layout.h"
 
 #define PLY_ELEMENTS_MAX   32u
 #define PLY_PROPERTIES_MAX 128u
@@ -57,6 +58,8 @@ struct ply_header {
 	enum ply_encoding encoding;
 	struct ply_element elements[PLY_ELEMENTS_MAX];
 	uint32_t element_count;
+	double unit_metres;      /* of "comment unit metres"; 0: it does not say */
+	enum store_axis up_axis; /* of "comment up z" */
 };
 
 /**
