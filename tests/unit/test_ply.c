@@ -237,6 +237,35 @@ static void strips_become_triangles_of_one_orientation(void **state)
 	kit_model_free(model);
 }
 
+static void comments_may_say_unit_and_up_axis(void **state)
+{
+	static const struct {
+		const char *comments;
+		double unit_metres;
+		enum store_axis up_axis;
+	} cases[] = {
+		{ "comment unit metres\ncomment up z\n", 1.0, STORE_AXIS_Z },
+		{ "comment unit millimeters\ncomment up y\n", 0.001, STORE_AXIS_Y },
+		{ "comment unit parsecs\ncomment up w\n", 0.0, STORE_AXIS_UNKNOWN },
+		{ "comment up\ncomment the unit metres is best\n", 0.0, STORE_AXIS_UNKNOWN },
+	};
+
+	for (size_t i = 0; i < ARRAY_LENGTH(cases); i++) {
+		char text[512];
+		struct kit_model *model;
+
+		(void)snprintf(text, sizeof(text),
+			       "ply\nformat ascii 1.0\n%selement vertex 0\nproperty float x\n"
+			       "property float y\nproperty float z\nend_header\n",
+			       cases[i].comments);
+		model = kit_import_text(*state, "a.ply", text);
+		kit_assert_ok(model);
+		assert_true(model->info.unit_metres == cases[i].unit_metres);
+		assert_int_equal(model->info.up_axis, cases[i].up_axis);
+		kit_model_free(model);
+	}
+}
+
 static void faces_may_come_before_their_vertices(void **state)
 {
 	struct kit_model *model = kit_import_text(
@@ -523,6 +552,7 @@ int main(void)
 		PLY_TEST(normals_and_colours_come_with_their_corners),
 		PLY_TEST(the_colour_option_leaves_vertex_colours_out),
 		PLY_TEST(strips_become_triangles_of_one_orientation),
+		PLY_TEST(comments_may_say_unit_and_up_axis),
 		PLY_TEST(faces_may_come_before_their_vertices),
 		PLY_TEST(vertices_that_exceed_memory_give_the_same_triangles),
 		PLY_TEST(vertices_that_exceed_memory_without_scratch_are_refused),
