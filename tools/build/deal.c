@@ -187,7 +187,8 @@ static void make_record(const struct dealer *dealer, const struct soup_block *bl
 	const struct deal *deal = dealer->deal;
 	const struct record_shape *shape = deal->shape;
 	const struct labels *labels = deal->labels;
-	uint32_t part = (uint32_t)labels->sections[block->section].first_part + view->parts[index];
+	uint32_t part = (uint32_t)labels->sections[block->section].first_part +
+			(view->parts ? view->parts[index] : block->part);
 
 	for (unsigned i = 0; i < 3; i++)
 		store_position(deal->grid, &corners[3 * i], record + i * shape->position_words);

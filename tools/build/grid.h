@@ -133,6 +133,19 @@ static inline void grid_centre_cell(const struct grid *grid, const double corner
 {
 	double centre[3];
 
+	if (grid->form == GRID_LATTICE) {
+		/* In whole steps from the root's corner; a cell that can be cut is no smaller. */
+		for (unsigned i = 0; i < 3; i++) {
+			uint32_t sum =
+				(uint32_t)(int32_t)(corners[i] + corners[3 + i] + corners[6 + i]) +
+				(UINT32_C(3) << (grid->root_bits - 1));
+
+			ret[i] = grid->root_bits > STORE_LEVEL_MAX
+					 ? sum / 3 >> (grid->root_bits - STORE_LEVEL_MAX)
+					 : sum / 3 << (STORE_LEVEL_MAX - grid->root_bits);
+		}
+		return;
+	}
 	for (unsigned i = 0; i < 3; i++)
 		centre[i] = (corners[i] + corners[3 + i] + corners[6 + i]) / 3.0;
 	grid_cell(grid, centre, ret);

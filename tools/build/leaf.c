@@ -32,6 +32,7 @@ void leaf_maker_done(struct leaf_maker *maker)
 	free(maker->indices_ordered);
 	free(maker->corners);
 	free(maker->runs_of);
+	free(maker->places);
 	free(maker->local);
 	free(maker->scratch);
 	free(maker->runs);
@@ -47,6 +48,7 @@ void leaf_maker_done(struct leaf_maker *maker)
 	maker->indices_ordered = NULL;
 	maker->corners = NULL;
 	maker->runs_of = NULL;
+	maker->places = NULL;
 	maker->local = NULL;
 	maker->scratch = NULL;
 	maker->runs = NULL;
@@ -60,7 +62,8 @@ void leaf_maker_done(struct leaf_maker *maker)
 
 uint64_t leaf_maker_bytes(uint32_t leaf_triangles, uint32_t patch_triangles)
 {
-	uint64_t a_triangle = 2 * 8 + 2 * 4 + 6 * 4 + 6 * 4 + 19 * 4 + 16 + 3 * (16 + 4 + 4) + 8;
+	uint64_t a_triangle =
+		2 * 8 + 2 * 4 + 6 * 4 + 6 * 4 + 9 * 8 + 19 * 4 + 16 + 3 * (16 + 4 + 4) + 8;
 
 	return a_triangle * leaf_triangles + UINT64_C(12) * patch_triangles;
 }
@@ -89,6 +92,7 @@ static int maker_reserve(struct leaf_maker *maker, uint32_t triangle_count)
 	maker->indices_ordered = malloc(max * 3 * sizeof(uint32_t));
 	maker->corners = malloc(max * 3 * sizeof(uint32_t));
 	maker->runs_of = malloc(max * 3 * sizeof(uint32_t));
+	maker->places = malloc(max * 9 * sizeof(double));
 	maker->scratch =
 		malloc(vertex_order_scratch(triangle_count, triangle_count * 3) * sizeof(uint32_t));
 	maker->runs = malloc(max * sizeof(*maker->runs));
@@ -98,8 +102,8 @@ static int maker_reserve(struct leaf_maker *maker, uint32_t triangle_count)
 	maker->ordinals = malloc(max * sizeof(uint64_t));
 	if (!maker->keys || !maker->keys_sorted || !maker->triangles || !maker->order ||
 	    !maker->indices || !maker->indices_ordered || !maker->corners || !maker->runs_of ||
-	    !maker->scratch || !maker->runs || !maker->positions || !maker->normals ||
-	    !maker->colours || !maker->ordinals) {
+	    !maker->places || !maker->scratch || !maker->runs || !maker->positions ||
+	    !maker->normals || !maker->colours || !maker->ordinals) {
 		leaf_maker_done(maker);
 		return -ENOMEM;
 	}
@@ -236,14 +240,16 @@ struct extent_box {
 	double high[3];
 };
 
-static void find_box(const struct leaf_maker *maker, uint32_t vertex_count, struct extent_box *ret)
+/* Brings the positions together, and finds the box that they are in. */
+static void find_places(const struct leaf_maker *maker, uint32_t vertex_count,
+			struct extent_box *ret)
 {
 	for (unsigned k = 0; k < 3; k++) {
 		ret->low[k] = INFINITY;
 		ret->high[k] = -INFINITY;
 	}
 	for (uint32_t i = 0; i < vertex_count; i++) {
-		double at[3];
+		double *at = maker->places + (size_t)3 * i;
 
 		grid_load(maker->grid, patch_position(maker->patch, maker->corners[i]), at);
 		for (unsigned k = 0; k < 3; k++) {
@@ -270,20 +276,16 @@ static bool write_small_positions(struct leaf_maker *maker, uint32_t vertex_coun
 	}
 	if (run_count > UINT16_MAX)
 		return false;
-	for (uint32_t i = 0; i < vertex_count; i++) {
-		const uint32_t *at = patch_position(maker->patch, maker->corners[i]);
-
-		for (unsigned k = 0; k < 3; k++)
-			bits |= at[k] - (uint32_t)low[k];
-	}
+	for (uint32_t i = 0; i < vertex_count * 3; i++)
+		bits |= (uint32_t)((int32_t)maker->places[i] - low[i % 3]);
 	shift = bits == 0 ? 0 : (unsigned)__builtin_ctz(bits);
 	if (largest >> shift > UINT16_MAX)
 		return false;
 	for (uint32_t i = 0; i < vertex_count; i++, to += 4) {
-		const uint32_t *at = patch_position(maker->patch, maker->corners[i]);
+		const double *at = maker->places + (size_t)3 * i;
 
 		for (unsigned k = 0; k < 3; k++)
-			to[k] = (uint16_t)((at[k] - (uint32_t)low[k]) >> shift);
+			to[k] = (uint16_t)((uint32_t)((int32_t)at[k] - low[k]) >> shift);
 		to[3] = (uint16_t)maker->runs_of[i];
 	}
 	content->position_format = PAYLOAD_U16X3_RUN;
@@ -296,14 +298,9 @@ static bool write_small_positions(struct leaf_maker *maker, uint32_t vertex_coun
 /* Is each position a float as it is? */
 static bool all_floats(const struct leaf_maker *maker, uint32_t vertex_count)
 {
-	for (uint32_t i = 0; i < vertex_count; i++) {
-		double at[3];
-
-		grid_load(maker->grid, patch_position(maker->patch, maker->corners[i]), at);
-		for (unsigned k = 0; k < 3; k++)
-			if ((double)(float)at[k] != at[k])
-				return false;
-	}
+	for (uint32_t i = 0; i < vertex_count * 3; i++)
+		if ((double)(float)maker->places[i] != maker->places[i])
+			return false;
 	return true;
 }
 
@@ -333,11 +330,10 @@ static void write_float_positions(struct leaf_maker *maker, uint32_t vertex_coun
 	for (unsigned k = 0; k < 3; k++)
 		content->origin[k] = grid_to_model(maker->grid, middle[k]);
 	for (uint32_t i = 0; i < vertex_count; i++) {
+		const double *at = maker->places + (size_t)3 * i;
 		uint8_t *to = maker->positions + (size_t)16 * i;
 		double moved = 0;
-		double at[3];
 
-		grid_load(maker->grid, patch_position(maker->patch, maker->corners[i]), at);
 		for (unsigned k = 0; k < 3; k++) {
 			/* Verbatim keeps the sign of a zero: nothing is subtracted. */
 			double offset = verbatim ? at[k] : at[k] - middle[k];
@@ -422,16 +418,17 @@ static void measure_triangles(const struct leaf_maker *maker, uint32_t triangle_
 	double longest = 0;
 
 	for (uint32_t i = 0; i < triangle_count; i++) {
-		double corners[9];
+		const uint32_t *indices = maker->indices_ordered + (size_t)3 * i;
 		double e[3][3];
 		double cross[3];
 
-		patch_corners(maker->patch, maker->order[i], corners);
 		for (unsigned a = 0; a < 3; a++) {
+			const double *from = maker->places + (size_t)3 * indices[a];
+			const double *to = maker->places + (size_t)3 * indices[(a + 1) % 3];
 			double squared = 0;
 
 			for (unsigned k = 0; k < 3; k++) {
-				e[a][k] = corners[3 * ((a + 1) % 3) + k] - corners[3 * a + k];
+				e[a][k] = to[k] - from[k];
 				squared += e[a][k] * e[a][k];
 			}
 			longest = squared > longest ? squared : longest;
@@ -471,10 +468,9 @@ static void measure_extent(const struct leaf_maker *maker, uint32_t vertex_count
 		slack += fabs((double)record->sphere[k] - grid_to_model(maker->grid, middle[k]));
 	}
 	for (uint32_t i = 0; i < vertex_count; i++) {
+		const double *at = maker->places + (size_t)3 * i;
 		double squared = 0;
-		double at[3];
 
-		grid_load(maker->grid, patch_position(maker->patch, maker->corners[i]), at);
 		for (unsigned k = 0; k < 3; k++)
 			squared += (at[k] - middle[k]) * (at[k] - middle[k]);
 		radius_squared = squared > radius_squared ? squared : radius_squared;
@@ -572,7 +568,7 @@ int leaf_make(struct leaf_maker *maker, const struct octree_leaf *from,
 	content.runs = maker->runs;
 	content.indices = maker->indices_ordered;
 	content.positions = maker->positions;
-	find_box(maker, content.vertex_count, &box);
+	find_places(maker, content.vertex_count, &box);
 	ret->small = maker->grid->form == GRID_LATTICE &&
 		     write_small_positions(maker, content.vertex_count, run_count, &box, &content);
 	if (!ret->small)

@@ -56,6 +56,7 @@ struct leaf_maker {
 	uint32_t *indices_ordered;
 	uint32_t *corners; /* per vertex: the patch's corner that it is */
 	uint32_t *runs_of; /* per vertex */
+	double *places;    /* per vertex: three, as grid_load() gives them */
 	uint32_t *local;   /* per vertex of the patch: its number here, while it is made */
 	uint32_t local_max;
 	uint32_t *scratch;

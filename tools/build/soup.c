@@ -49,9 +49,10 @@ static size_t position_bytes(const struct soup_block *block)
 
 size_t soup_block_bytes(const struct soup_block *block)
 {
-	return position_bytes(block) +
-	       block->triangle_count *
-		       (size_t)(4 + (block->normals ? 12 : 0) + (block->colours ? 12 : 0));
+	size_t each =
+		(block->one_part ? 0 : 4) + (block->normals ? 12 : 0) + (block->colours ? 12 : 0);
+
+	return position_bytes(block) + block->triangle_count * each;
 }
 
 /* ---- blocks ---- */
@@ -87,13 +88,14 @@ static int intake_flush(struct intake *intake, struct why *why)
 	size_t count = block->triangle_count;
 	struct iovec parts[4] = {
 		{ intake->staging, position_bytes(block) },
-		{ intake->staging + STAGE_PARTS, count * 4 },
 	};
-	size_t part_count = 2;
+	size_t part_count = 1;
 	int r;
 
 	if (count == 0)
 		return 0;
+	if (!block->one_part)
+		parts[part_count++] = (struct iovec){ intake->staging + STAGE_PARTS, count * 4 };
 	if (block->normals)
 		parts[part_count++] = (struct iovec){ intake->staging + STAGE_NORMALS, count * 12 };
 	if (block->colours)
@@ -285,6 +287,11 @@ static void intake_append(struct intake *intake, const struct import_batch *batc
 	else
 		memcpy(intake->staging + at * 36, batch->positions32 + (size_t)begin * 9,
 		       (size_t)count * 36);
+	if (at == 0) {
+		block->part = intake->part_of[batch->part];
+		block->one_part = true;
+	}
+	block->one_part = block->one_part && block->part == intake->part_of[batch->part];
 	for (uint32_t i = 0; i < count; i++)
 		parts[i] = intake->part_of[batch->part];
 	if (block->normals)
@@ -495,8 +502,10 @@ int soup_view(const struct soup *soup, const struct soup_block *block, void *buf
 		ret->positions64 = (const void *)bytes;
 	else
 		ret->positions32 = (const void *)bytes;
-	ret->parts = (const void *)(bytes + at);
-	at += (size_t)block->triangle_count * 4;
+	if (!block->one_part) {
+		ret->parts = (const void *)(bytes + at);
+		at += (size_t)block->triangle_count * 4;
+	}
 	if (block->normals) {
 		ret->normals = (const void *)(bytes + at);
 		at += (size_t)block->triangle_count * 12;

@@ -36,6 +36,8 @@ struct soup_block {
 	uint64_t first_triangle; /* ordinal in its section */
 	uint32_t section;
 	uint32_t triangle_count;
+	uint32_t part; /* of all of them, if it is one */
+	bool one_part;
 	bool doubles;
 	bool normals;
 	bool colours;
@@ -45,7 +47,7 @@ struct soup_block {
 struct soup_view {
 	const float *positions32; /* one of the two is NULL */
 	const double *positions64;
-	const uint32_t *parts;   /* numbers of the file's part list */
+	const uint32_t *parts;   /* numbers of the file's part list; NULL: the block has one */
 	const uint32_t *normals; /* three octahedral codes a triangle, placed; or NULL */
 	const uint32_t *colours; /* three a triangle; or NULL */
 };
