@@ -54,7 +54,7 @@ static void the_bytes_depend_on_neither_jobs_nor_memory(void **state)
 	};
 	static const char *const ways[] = {
 		"--jobs 2 --memory 1G",
-		"--jobs 1 --memory 140M",
+		"--jobs 1 --memory 150M",
 		"--jobs 2 --memory 200M",
 		"--jobs 5 --memory 2G",
 	};
