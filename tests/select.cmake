@@ -9,3 +9,4 @@ oocd_test(test_bench integration
 	SOURCES integration/test_bench.c
 	LINK oocd_bench oocd_test_helper m
 	TIMEOUT 300)
+add_dependencies(test_bench oocbench oocbuild oocd oocgen oocview)

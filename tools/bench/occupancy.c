@@ -67,19 +67,18 @@ static bool box_is_outside(const struct occupancy *occupancy, const double low[3
 	return false;
 }
 
-static void point_mark(struct occupancy *occupancy, const double point[3])
+/* The voxel of a point.  Returns: is it in the grid? */
+static bool point_find(const struct occupancy *occupancy, const double point[3], uint32_t ret[3])
 {
-	uint32_t at[3];
-
 	for (unsigned i = 0; i < 3; i++) {
 		double voxels =
 			(point[occupancy->world[i]] - occupancy->corner[i]) / occupancy->voxel;
 
 		if (!(voxels >= 0.0 && voxels < occupancy->size[i]))
-			return;
-		at[i] = (uint32_t)voxels;
+			return false;
+		ret[i] = (uint32_t)voxels;
 	}
-	occupancy->full[occupancy_index(occupancy, at[0], at[1], at[2])] = 1;
+	return true;
 }
 
 static void triangle_mark(struct occupancy *occupancy, const double corners[3][3])
@@ -88,6 +87,7 @@ static void triangle_mark(struct occupancy *occupancy, const double corners[3][3
 	double low[3];
 	double high[3];
 	uint32_t steps;
+	uint32_t at[3];
 
 	for (unsigned k = 0; k < 3; k++) {
 		low[k] = fmin(corners[0][k], fmin(corners[1][k], corners[2][k]));
@@ -104,6 +104,8 @@ static void triangle_mark(struct occupancy *occupancy, const double corners[3][3
 			squared += (b[k] - a[k]) * (b[k] - a[k]);
 		longest = fmax(longest, sqrt(squared));
 	}
+	if (point_find(occupancy, corners[0], at))
+		occupancy->detail[(size_t)at[1] * occupancy->size[0] + at[0]]++;
 	steps = (uint32_t)ceil(longest / (SAMPLE_DISTANCE * occupancy->voxel));
 	steps = steps > 0 ? steps : 1;
 	for (uint32_t i = 0; i <= steps; i++)
@@ -115,7 +117,9 @@ static void triangle_mark(struct occupancy *occupancy, const double corners[3][3
 			for (unsigned k = 0; k < 3; k++)
 				point[k] = corners[0][k] + u * (corners[1][k] - corners[0][k]) +
 					   v * (corners[2][k] - corners[0][k]);
-			point_mark(occupancy, point);
+			if (point_find(occupancy, point, at))
+				occupancy->full[occupancy_index(occupancy, at[0], at[1], at[2])] =
+					1;
 		}
 }
 
@@ -191,9 +195,10 @@ int occupancy_make(const struct store_file *store, const struct store_node *node
 	}
 	grid_choose(&occupancy, region);
 	occupancy.full = calloc((size_t)occupancy.size[0] * occupancy.size[1], occupancy.size[2]);
-	if (!occupancy.full)
-		return why_set(why, -ENOMEM, "out of memory");
-	r = leaves_mark(&occupancy, store, nodes, why);
+	occupancy.detail =
+		calloc((size_t)occupancy.size[0] * occupancy.size[1], sizeof(*occupancy.detail));
+	r = occupancy.full && occupancy.detail ? leaves_mark(&occupancy, store, nodes, why)
+					       : why_set(why, -ENOMEM, "out of memory");
 	if (r < 0) {
 		occupancy_done(&occupancy);
 		return r;
@@ -205,7 +210,9 @@ int occupancy_make(const struct store_file *store, const struct store_node *node
 void occupancy_done(struct occupancy *occupancy)
 {
 	free(occupancy->full);
+	free(occupancy->detail);
 	occupancy->full = NULL;
+	occupancy->detail = NULL;
 }
 
 void occupancy_to_world(const struct occupancy *occupancy,

@@ -5,7 +5,8 @@
  * Axis 2 of the grid points up, whatever the store's up axis is.  A voxel is full when a triangle
  * has a point in it (sampled finely enough that nothing can pass between).
  *
- * Memory: a byte a voxel, at most OCCUPANCY_VOXELS_MAX.  Geometry is streamed, node by node.
+ * Memory: a byte a voxel and four a column; at most OCCUPANCY_VOXELS_MAX voxels.  Geometry is
+ * streamed, node by node.
  */
 #ifndef TOOLS_BENCH_OCCUPANCY_H
 #define TOOLS_BENCH_OCCUPANCY_H
@@ -25,6 +26,7 @@ struct occupancy {
 	double corner[3];  /* of voxel 0, 0, 0 in the grid's axes, from the store's origin */
 	unsigned world[3]; /* which of the model's axes each of the grid's is */
 	uint8_t *full;     /* index: occupancy_index() */
+	uint32_t *detail;  /* triangles of each column (y * size[0] + x), by their first corner */
 };
 
 /** Columns lie together, so that looking up and down is quick. */

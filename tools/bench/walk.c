@@ -28,6 +28,8 @@
 /** The smallest room worth a walk, in squares of a storey's height. */
 #define ROOM_STOREYS2 0.5
 
+/** Stands that are compared for what there is to see from them. */
+#define DETAIL_CHOICES    12
 #define GOAL_CANDIDATES   24
 #define ROOFED_TRIES      64
 #define UNROOFED_COST     3.0f /* the walk is meant for the inside */
@@ -55,6 +57,7 @@ struct ground {
 	uint32_t stand_count;
 	uint32_t *first_of_column; /* columns and one */
 	uint32_t component;        /* the one to walk in */
+	bool has_roof;             /* most of it is under something */
 	uint64_t random;
 };
 
@@ -389,6 +392,7 @@ static int components_find(struct ground *ground)
 		if (weight > best && end >= room) {
 			best = weight;
 			ground->component = first;
+			ground->has_roof = weight > 0.3 * end;
 		}
 	}
 	free(queue);
@@ -533,20 +537,47 @@ static int search_run(const struct ground *ground, uint32_t start, struct search
 	return 0;
 }
 
-/* A stand of the component, under a roof and off the edge if a few tries find one. */
+/* How much there is to see around a stand: triangles within half a storey. */
+static uint64_t detail_around(const struct ground *ground, const struct stand *stand)
+{
+	const struct occupancy *occupancy = ground->occupancy;
+	uint32_t reach = (uint32_t)(0.5 * ground->walker.storey);
+	uint32_t x0 = stand->x > reach ? stand->x - reach : 0;
+	uint32_t y0 = stand->y > reach ? stand->y - reach : 0;
+	uint64_t sum = 0;
+
+	for (uint32_t y = y0; y <= stand->y + reach && y < occupancy->size[1]; y++)
+		for (uint32_t x = x0; x <= stand->x + reach && x < occupancy->size[0]; x++)
+			sum += occupancy->detail[(size_t)y * occupancy->size[0] + x];
+	return sum;
+}
+
+/*
+ * A stand of the component, under a roof and off the edge if a few tries find one; of some such the
+ * one with most to see.
+ */
 static uint32_t stand_random(struct ground *ground)
 {
 	uint32_t found = ground->component;
+	uint64_t found_detail = 0;
+	unsigned found_count = 0;
 
-	for (unsigned i = 0; i < ROOFED_TRIES; i++) {
+	for (unsigned i = 0; i < ROOFED_TRIES && found_count < DETAIL_CHOICES; i++) {
 		uint32_t index = (uint32_t)(random_bits(ground) % ground->stand_count);
 		const struct stand *stand = &ground->stands[index];
+		uint64_t detail;
 
 		if (stand->component != ground->component)
 			continue;
-		found = index;
-		if (stand->is_roofed && stand->edge_steps >= (float)ground->walker.radius)
-			break;
+		if (found_count == 0)
+			found = index;
+		if (ground->has_roof && !stand->is_roofed)
+			continue;
+		detail = detail_around(ground, stand);
+		if (found_count++ == 0 || detail > found_detail) {
+			found = index;
+			found_detail = detail;
+		}
 	}
 	return found;
 }
