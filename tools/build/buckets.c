@@ -85,43 +85,42 @@ int buckets_round_begin(struct buckets *buckets)
 	return buckets->counters ? 1 : -ENOMEM;
 }
 
-static void counter_add(uint64_t *counter)
+static void counter_add(uint64_t *counter, uint64_t count)
 {
-	(void)__atomic_fetch_add(counter, 1, __ATOMIC_RELAXED);
+	(void)__atomic_fetch_add(counter, count, __ATOMIC_RELAXED);
 }
 
 /* Unique: only the deepest cells are counted, the others are their sums. */
-static void count_centre(struct buckets *buckets, const double corners[9])
+static void count_centre(struct buckets *buckets, struct buckets_tally *tally,
+			 const double corners[9])
 {
 	const struct bucket_cell *at = &buckets->cells[0];
 	uint32_t levels = buckets->counters_levels;
+	uint64_t *counter;
 	uint32_t cell[3];
-	uint32_t below = 0;
+	uint64_t code;
+	uint32_t depth;
 
 	grid_centre_cell(buckets->grid, corners, cell);
-	while (at->first_child != 0) {
-		uint32_t shift = STORE_LEVEL_MAX - 1 - at->level;
-
-		at = &buckets->cells[at->first_child + ((cell[0] >> shift & 1) |
-							(cell[1] >> shift & 1) << 1 |
-							(cell[2] >> shift & 1) << 2)];
-	}
+	code = grid_morton(cell);
+	while (at->first_child != 0)
+		at = &buckets->cells[at->first_child +
+				     (code >> 3 * (STORE_LEVEL_MAX - 1 - at->level) & 7)];
 	if (at->counters == COUNTERS_NONE)
 		return;
-	for (uint32_t i = 0; i < levels; i++) {
-		uint32_t level = at->level + i;
-		uint32_t octant = 0;
-
-		if (level < STORE_LEVEL_MAX) {
-			uint32_t shift = STORE_LEVEL_MAX - 1 - level;
-
-			octant = (cell[0] >> shift & 1) | (cell[1] >> shift & 1) << 1 |
-				 (cell[2] >> shift & 1) << 2;
-		}
-		below = below << 3 | octant;
+	/* Cells of GRID_LEVEL_MAX are not cut: what is counted below them never counts. */
+	depth = at->level + levels;
+	code = depth <= STORE_LEVEL_MAX ? code >> 3 * (STORE_LEVEL_MAX - depth)
+					: code << 3 * (depth - STORE_LEVEL_MAX);
+	counter = buckets->counters + (size_t)at->counters * buckets->counters_words +
+		  FIRST_AT_DEPTH(levels) + (code & ((UINT64_C(1) << 3 * levels) - 1));
+	if (counter != tally->counter) {
+		if (tally->count > 0)
+			counter_add(tally->counter, tally->count);
+		tally->counter = counter;
+		tally->count = 0;
 	}
-	counter_add(buckets->counters + (size_t)at->counters * buckets->counters_words +
-		    FIRST_AT_DEPTH(levels) + below);
+	tally->count++;
 }
 
 /** A cell on a walk: one that is there, or one that is only counted. */
@@ -157,7 +156,7 @@ static void count_touched(struct buckets *buckets, const double corners[9])
 			buckets->counters + (size_t)cell->counters * buckets->counters_words;
 
 		if (at.depth > 0)
-			counter_add(counters + FIRST_AT_DEPTH(at.depth) + at.position);
+			counter_add(counters + FIRST_AT_DEPTH(at.depth) + at.position, 1);
 		if (cell->first_child == 0 &&
 		    (cell->counters == COUNTERS_NONE || at.depth == buckets->counters_levels ||
 		     at.level == buckets->grid->level_max))
@@ -181,14 +180,22 @@ static void count_touched(struct buckets *buckets, const double corners[9])
 	}
 }
 
-void buckets_count(struct buckets *buckets, const double corners[9])
+void buckets_count(struct buckets *buckets, struct buckets_tally *tally, const double corners[9])
 {
-	if (buckets->cells[0].triangle_count == UINT64_MAX)
-		counter_add(buckets->counters + buckets->counters_words);
+	tally->total++;
 	if (buckets->layout == STORE_LAYOUT_UNIQUE)
-		count_centre(buckets, corners);
+		count_centre(buckets, tally, corners);
 	else
 		count_touched(buckets, corners);
+}
+
+void buckets_count_end(struct buckets *buckets, struct buckets_tally *tally)
+{
+	if (tally->count > 0)
+		counter_add(tally->counter, tally->count);
+	if (buckets->cells[0].triangle_count == UINT64_MAX)
+		counter_add(buckets->counters + buckets->counters_words, tally->total);
+	*tally = (struct buckets_tally){ 0 };
 }
 
 /* Eight children side by side.  Returns: the first one's index, or 0 without memory. */

@@ -76,8 +76,17 @@ void buckets_done(struct buckets *buckets);
 
 /** Begins a round.  Returns: 1 if the soup has to be counted (again), 0 if all is known, -ENOMEM. */
 int buckets_round_begin(struct buckets *buckets);
+/** What one worker has counted and not yet added: neighbours in a file are neighbours in space. */
+struct buckets_tally {
+	uint64_t *counter;
+	uint64_t count;
+	uint64_t total;
+};
+
 /** Counts one triangle that is not degenerate; corners as grid_load() gives them. */
-void buckets_count(struct buckets *buckets, const double corners[9]);
+void buckets_count(struct buckets *buckets, struct buckets_tally *tally, const double corners[9]);
+/** Adds what is left.  Each worker calls it before it ends. */
+void buckets_count_end(struct buckets *buckets, struct buckets_tally *tally);
 /** Takes the counts into account.  Returns: 0 or -ENOMEM. */
 int buckets_round_end(struct buckets *buckets);
 

@@ -38,6 +38,7 @@ struct dealer {
 	struct chunk *chunk;
 	uint64_t degenerate_count;
 	double moved_squared_max; /* in grid_load()'s unit */
+	struct buckets_tally tally;
 
 	/* Only for dealing out. */
 	uint64_t unit;
@@ -436,7 +437,8 @@ static int work_on_block(struct pass *pass, struct dealer *dealer, struct soup_b
 			r = deal_chunk(dealer, block, &view, why);
 		else
 			for (uint32_t i = 0; i < dealer->chunk->count; i++)
-				buckets_count(deal->buckets, &dealer->chunk->corners[9 * i]);
+				buckets_count(deal->buckets, &dealer->tally,
+					      &dealer->chunk->corners[9 * i]);
 	}
 	if (r == 0 && pass->dealing)
 		spool_release(deal->soup->spool, block->address, soup_block_bytes(block));
@@ -518,6 +520,8 @@ static int pass_work(void *arg, uint32_t worker, struct why *why)
 		if (r == 0 && pass->dealing)
 			r = put_deliveries(&dealer, why);
 	}
+	if (!pass->dealing)
+		buckets_count_end(pass->deal->buckets, &dealer.tally);
 	dealer_done(&dealer);
 	return r;
 }

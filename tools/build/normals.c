@@ -88,7 +88,7 @@ static uint32_t encode_direction(enum normals_mode mode, const float direction[3
 
 /** Codes of late: what people build has few directions, and coding one is dear. */
 struct coded {
-	float direction[3];
+	int64_t normal[3];
 	uint32_t code;
 	enum normals_mode mode; /* NORMALS_FLAT: empty */
 };
@@ -96,24 +96,20 @@ struct coded {
 uint32_t normals_encode(enum normals_mode mode, const int64_t normal[3])
 {
 	static _Thread_local struct coded cache[CODED_COUNT];
-	double largest = 1;
-	uint32_t bits[3];
-	float direction[3];
-	struct coded *coded;
+	uint64_t hash = (uint64_t)normal[0] * UINT64_C(0x9e3779b97f4a7c15) +
+			(uint64_t)normal[1] * UINT64_C(0xc2b2ae3d27d4eb4f) +
+			(uint64_t)normal[2] * UINT64_C(0x165667b19e3779f9);
+	struct coded *coded = &cache[hash >> (64 - CODED_BITS)];
 
-	for (unsigned i = 0; i < 3; i++) {
-		double size = fabs((double)normal[i]);
+	if (coded->mode != mode || memcmp(coded->normal, normal, sizeof(coded->normal)) != 0) {
+		double largest = 1;
+		float direction[3];
 
-		largest = size > largest ? size : largest;
-	}
-	for (unsigned i = 0; i < 3; i++)
-		direction[i] = (float)((double)normal[i] / largest);
-	memcpy(bits, direction, sizeof(bits));
-	coded = &cache[((bits[0] * UINT32_C(0x9e3779b1)) ^ (bits[1] * UINT32_C(0x85ebca77)) ^
-			(bits[2] * UINT32_C(0xc2b2ae3d))) >>
-		       (32 - CODED_BITS)];
-	if (coded->mode != mode || memcmp(coded->direction, direction, sizeof(direction)) != 0) {
-		memcpy(coded->direction, direction, sizeof(direction));
+		for (unsigned i = 0; i < 3; i++)
+			largest = fmax(largest, fabs((double)normal[i]));
+		for (unsigned i = 0; i < 3; i++)
+			direction[i] = (float)((double)normal[i] / largest);
+		memcpy(coded->normal, normal, sizeof(coded->normal));
 		coded->code = encode_direction(mode, direction);
 		coded->mode = mode;
 	}
@@ -160,49 +156,106 @@ static uint32_t encode_or_own(enum normals_mode mode, const int64_t sum[3], cons
 	return normals_encode(mode, is_zero(sum) ? alone : sum);
 }
 
-/* Each with each.  Corners that the same faces speak for, turned the same way, have one code. */
-static void solve_few(enum normals_mode mode, int32_t threshold, const struct normal_share *shares,
-		      uint32_t count, uint32_t *ret)
+/** Shares with one normal and one section: they count as one, with their weights added. */
+struct direction {
+	uint64_t packed; /* the normal's words */
+	int16_t normal[3];
+	uint32_t section;
+	int64_t weight;
+	uint64_t near;   /* bit j: direction j is within the crease */
+	uint64_t turned; /* and faces the other way */
+	uint32_t code;
+};
+
+static uint64_t pack(const int16_t normal[3])
 {
-	uint64_t near[FEW_SHARES] = { 0 };   /* bit j of i: j is within the crease of i */
-	uint64_t turned[FEW_SHARES] = { 0 }; /* and faces the other way */
+	return (uint64_t)(uint16_t)normal[0] << 32 | (uint64_t)(uint16_t)normal[1] << 16 |
+	       (uint16_t)normal[2];
+}
+
+/* The directions of some shares, and which of them each has.  Returns: how many. */
+static uint32_t find_directions(const struct normal_share *shares, uint32_t count,
+				struct direction directions[FEW_SHARES], uint8_t of[FEW_SHARES])
+{
+	uint32_t direction_count = 0;
 
 	for (uint32_t i = 0; i < count; i++) {
-		near[i] |= UINT64_C(1) << i;
-		for (uint32_t j = i + 1; j < count; j++) {
-			int32_t likeness = product(shares[i].normal, shares[j].normal);
+		uint64_t packed = pack(shares[i].normal);
+		uint32_t at = 0;
 
-			if (shares[i].section != shares[j].section || abs(likeness) < threshold)
+		while (at < direction_count && (directions[at].packed != packed ||
+						directions[at].section != shares[i].section))
+			at++;
+		if (at == direction_count) {
+			struct direction *direction = &directions[direction_count++];
+
+			direction->packed = packed;
+			memcpy(direction->normal, shares[i].normal, sizeof(direction->normal));
+			direction->section = shares[i].section;
+			direction->weight = 0;
+			direction->near = UINT64_C(1) << at;
+			direction->turned = 0;
+		}
+		directions[at].weight += shares[i].weight;
+		of[i] = (uint8_t)at;
+	}
+	return direction_count;
+}
+
+static void compare_directions(struct direction *directions, uint32_t count, int32_t threshold)
+{
+	for (uint32_t i = 0; i < count; i++) {
+		for (uint32_t j = i + 1; j < count; j++) {
+			int32_t likeness = product(directions[i].normal, directions[j].normal);
+
+			if (abs(likeness) < threshold ||
+			    directions[i].section != directions[j].section)
 				continue;
-			near[i] |= UINT64_C(1) << j;
-			near[j] |= UINT64_C(1) << i;
+			directions[i].near |= UINT64_C(1) << j;
+			directions[j].near |= UINT64_C(1) << i;
 			if (likeness < 0) {
-				turned[i] |= UINT64_C(1) << j;
-				turned[j] |= UINT64_C(1) << i;
+				directions[i].turned |= UINT64_C(1) << j;
+				directions[j].turned |= UINT64_C(1) << i;
 			}
 		}
 	}
-	for (uint32_t i = 0; i < count; i++) {
-		int64_t sum[3] = { 0, 0, 0 };
-		uint32_t j = 0;
+}
 
-		while (j < i && (near[j] != near[i] || turned[j] != turned[i]))
-			j++;
-		if (j < i) {
-			ret[i] = ret[j];
+static uint32_t code_of(enum normals_mode mode, const struct direction *directions, uint32_t count,
+			uint32_t index)
+{
+	const struct direction *own = &directions[index];
+	int64_t sum[3] = { 0, 0, 0 };
+
+	/* The same faces, turned the same way, speak for an earlier direction too. */
+	for (uint32_t i = 0; i < index; i++)
+		if (directions[i].near == own->near && directions[i].turned == own->turned)
+			return directions[i].code;
+	for (uint32_t i = 0; i < count && own->near != UINT64_C(1) << index; i++) {
+		int64_t weighted[3];
+
+		if (!(own->near >> i & 1))
 			continue;
-		}
-		for (j = 0; j < count; j++) {
-			int64_t weighted[3];
-
-			if (!(near[i] >> j & 1))
-				continue;
-			for (unsigned k = 0; k < 3; k++)
-				weighted[k] = (int64_t)shares[j].normal[k] * shares[j].weight;
-			add_share(sum, weighted, turned[i] >> j & 1 ? -1 : 1);
-		}
-		ret[i] = encode_or_own(mode, sum, shares[i].normal);
+		for (unsigned k = 0; k < 3; k++)
+			weighted[k] = directions[i].normal[k] * directions[i].weight;
+		add_share(sum, weighted, own->turned >> i & 1 ? -1 : 1);
 	}
+	return encode_or_own(mode, sum, own->normal);
+}
+
+/* Each direction with each.  Most points have one: flat surfaces are made of many triangles. */
+static void solve_few(enum normals_mode mode, int32_t threshold, const struct normal_share *shares,
+		      uint32_t count, uint32_t *ret)
+{
+	struct direction directions[FEW_SHARES];
+	uint8_t of[FEW_SHARES];
+	uint32_t direction_count = find_directions(shares, count, directions, of);
+
+	compare_directions(directions, direction_count, threshold);
+	for (uint32_t i = 0; i < direction_count; i++)
+		directions[i].code = code_of(mode, directions, direction_count, i);
+	for (uint32_t i = 0; i < count; i++)
+		ret[i] = directions[of[i]].code;
 }
 
 /** Shares whose normals are the same, or nearly: what many of them are taken together as. */
