@@ -275,11 +275,52 @@ static void a_rack_is_a_list_of_models_that_do_not_overlap(void **state)
 	assert_int_equal(judge_list(folder, list), 240);
 	/* Fewer models again: the rooms that nobody names any more are gone. */
 	assert_run(RUN("cd %s && $OOCD_BIN/oocgen rack models/small -o rack.csv && "
-		       "test $(ls rack.d | wc -l) = $(grep -c room- rack.csv) && ls",
+		       "test $(ls rack.d/*.obj | wc -l) = $(grep -c room- rack.csv) && ls",
 		       folder),
 		   "rack.d");
 	/* Nothing of the work is left. */
 	assert_string_equal(test_folder_list(folder), "models rack.csv rack.d ");
+}
+
+/* The names and colours of a model's parts, as import says them. */
+static int note_part(void *arg, const struct import_part *part, struct why *why)
+{
+	char *seen = arg;
+	size_t length = strlen(seen);
+
+	(void)why;
+	(void)snprintf(seen + length, 1024 - length, "%s|%s|%d\n", part->name, part->material,
+		       part->colour != IMPORT_COLOUR_DEFAULT);
+	return 0;
+}
+
+static int pass_batch(void *arg, const struct import_batch *batch, struct why *why)
+{
+	(void)arg;
+	(void)why;
+	assert_null(batch->colours);
+	return 0;
+}
+
+static void a_room_is_a_model_of_parts_with_materials(void **state)
+{
+	const char *folder = *state;
+	char seen[1024] = "";
+	const struct import_options options = { .memory_bytes = 64 * MIB,
+						.scratch_directory = folder };
+	const struct import_sink sink = { .part = note_part, .batch = pass_batch, .arg = seen };
+	struct import_info info;
+	struct why why;
+
+	make_models(folder);
+	assert_int_equal(RUN("cd %s && $OOCD_BIN/oocgen rack models -o r.csv", folder), 0);
+	if (import_file(test_path(folder, "r.d/room-0000.obj"), &options, &sink, &info, &why) < 0)
+		fail_msg("%s", why.text);
+	assert_false(info.missing_material_file);
+	assert_non_null(strstr(seen, "room 0 / floor|floor|1\n"));
+	assert_non_null(strstr(seen, "room 0 / wall|wall|1\n"));
+	assert_non_null(strstr(seen, "room 0 / panel|panel|1\n"));
+	assert_non_null(strstr(seen, "room 0 / shelf|shelf|1\n"));
 }
 
 static void a_rack_depends_on_its_seed_alone(void **state)
@@ -351,6 +392,7 @@ int main(void)
 		WITH_FOLDER(a_full_disk_leaves_what_was_there),
 		WITH_FOLDER(wrong_usage_is_told_in_one_line),
 		WITH_FOLDER(a_rack_is_a_list_of_models_that_do_not_overlap),
+		WITH_FOLDER(a_room_is_a_model_of_parts_with_materials),
 		WITH_FOLDER(a_rack_depends_on_its_seed_alone),
 		WITH_FOLDER(a_rack_turns_models_upright),
 		WITH_FOLDER(a_rack_that_fails_leaves_nothing),

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /* Goal: whatever the sizes, things on shelves do not touch each other, the boards or the walls. */
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -63,7 +64,7 @@ static void things_do_not_overlap(void **state)
 
 		make_items(items, seed);
 		assert_int_equal(rack_place(items, ITEM_COUNT, &layout), 0);
-		assert_true(layout.room_count >= 4 && layout.room_count % 2 == 0);
+		assert_true(layout.room_count >= 2 && layout.room_count % 2 == 0);
 		for (size_t i = 0; i < ITEM_COUNT; i++) {
 			struct box box = item_box(&items[i]);
 
@@ -153,12 +154,40 @@ static void a_single_thing_of_any_size_finds_a_place(void **state)
 	}
 }
 
+static void rooms_are_alike_and_full(void **state)
+{
+	static struct rack_item items[20 * ITEM_COUNT];
+	struct rack_layout layout;
+	unsigned empty_count = 0;
+
+	(void)state;
+	for (uint64_t i = 0; i < 20; i++)
+		make_items(items + i * ITEM_COUNT, i);
+	for (size_t i = 0; i < ARRAY_LENGTH(items); i++) {
+		struct vec3 *size = &items[i].size;
+
+		/* No more than twice the largest side of most, as in a set of parts. */
+		*size = (struct vec3){ fmin(size->x, 8), fmin(size->y, 8), fmin(size->z, 4) };
+	}
+	assert_int_equal(rack_place(items, ARRAY_LENGTH(items), &layout), 0);
+	assert_true(layout.room_count >= 4);
+	for (size_t i = 0; i < layout.room_count; i++) {
+		assert_memory_equal(&layout.rooms[i].sizes, &layout.rooms[0].sizes,
+				    sizeof(layout.rooms[0].sizes));
+		for (unsigned bay = 0; bay + 1 < RACK_ROOM_BAYS; bay++)
+			empty_count += layout.rooms[i].bays[bay].board_count == 0;
+	}
+	assert_true(empty_count <= layout.room_count);
+	rack_layout_done(&layout);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(things_do_not_overlap),
 		cmocka_unit_test_setup_teardown(things_lie_clear_of_boards_panels_and_walls,
 						test_folder_setup, test_folder_teardown),
+		cmocka_unit_test(rooms_are_alike_and_full),
 		cmocka_unit_test(a_single_thing_of_any_size_finds_a_place),
 	};
 

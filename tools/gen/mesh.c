@@ -56,12 +56,16 @@ unsigned mesh_segments(const struct mesh *mesh, double radius)
 	return (unsigned)fmin(fmax(segments / 2, 2), MESH_CIRCLE_MAX / 2) * 2;
 }
 
-void mesh_write_vertex(struct mesh *mesh, struct vec3 position)
+void mesh_group(struct mesh *mesh, const char *group, const char *material)
 {
-	const double xyz[3] = { position.x + mesh->shift.x, position.y + mesh->shift.y,
-				position.z + mesh->shift.z };
+	if (mesh->is_obj && mesh->pass == MESH_FACES)
+		out_file_printf(mesh->out, "g %s\nusemtl %s\n", group, material);
+}
+
+static void write_ply_vertex(struct mesh *mesh, const double xyz[3])
+{
 	const float floats[3] = { (float)xyz[0], (float)xyz[1], (float)xyz[2] };
-	size_t position_bytes = mesh->doubles ? sizeof(xyz) : sizeof(floats);
+	size_t position_bytes = 3 * (mesh->doubles ? sizeof(double) : sizeof(float));
 	uint8_t *room = out_file_room(mesh->out, position_bytes + (mesh->colours ? 3 : 0));
 
 	memcpy(room, mesh->doubles ? (const void *)xyz : (const void *)floats, position_bytes);
@@ -69,12 +73,29 @@ void mesh_write_vertex(struct mesh *mesh, struct vec3 position)
 		memcpy(room + position_bytes, &mesh->colour, 3);
 }
 
+void mesh_write_vertex(struct mesh *mesh, struct vec3 position)
+{
+	const double xyz[3] = { position.x + mesh->shift.x, position.y + mesh->shift.y,
+				position.z + mesh->shift.z };
+
+	if (mesh->is_obj)
+		out_file_printf(mesh->out, "v %.9g %.9g %.9g\n", xyz[0], xyz[1], xyz[2]);
+	else
+		write_ply_vertex(mesh, xyz);
+}
+
 void mesh_write_triangle(struct mesh *mesh, uint32_t a, uint32_t b, uint32_t c)
 {
 	uint32_t first = (uint32_t)mesh->first_vertex;
 	const uint32_t corners[3] = { first + a, first + b, first + c };
-	uint8_t *room = out_file_room(mesh->out, 1 + sizeof(corners));
+	uint8_t *room;
 
+	if (mesh->is_obj) {
+		out_file_printf(mesh->out, "f %" PRIu32 " %" PRIu32 " %" PRIu32 "\n",
+				corners[0] + 1, corners[1] + 1, corners[2] + 1);
+		return;
+	}
+	room = out_file_room(mesh->out, 1 + sizeof(corners));
 	room[0] = 3;
 	memcpy(room + 1, corners, sizeof(corners));
 }
@@ -93,7 +114,7 @@ static struct turn *circles_create(void)
 	return circles;
 }
 
-static void write_header(const struct mesh *counted, const struct mesh_file *file)
+static void write_ply_header(const struct mesh *counted, const struct mesh_file *file)
 {
 	const char *real = counted->doubles ? "double" : "float";
 
@@ -123,6 +144,7 @@ int mesh_write_file(const struct mesh_file *file, mesh_scene_fn scene, void *arg
 				.shift = file->shift,
 				.doubles = file->doubles,
 				.colours = file->colours,
+				.is_obj = file->materials != NULL,
 				.circles = circles };
 	struct out_file out;
 	int r;
@@ -148,7 +170,11 @@ int mesh_write_file(const struct mesh_file *file, mesh_scene_fn scene, void *arg
 		return r;
 	}
 	counted.out = &out;
-	write_header(&counted, file);
+	if (counted.is_obj)
+		out_file_printf(&out, "# made by oocgen " OOCD_VERSION ": %s\nmtllib %s\n",
+				file->description, file->materials);
+	else
+		write_ply_header(&counted, file);
 	for (enum mesh_pass pass = MESH_VERTICES; pass <= MESH_FACES; pass++) {
 		struct mesh mesh = counted;
 

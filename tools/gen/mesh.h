@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /**
- * mesh.h - a scene on its way to a PLY file, in memory that does not depend on its size.
+ * mesh.h - a scene on its way to a PLY or OBJ file, in memory that does not depend on its size.
  *
  * PLY wants the counts first, then all vertices, then all faces.  So a scene is a function that is
  * called three times and says the same each time: once to be counted, once for its vertices, once
@@ -80,6 +80,7 @@ struct mesh {
 	struct vec3 shift;       /* added to every vertex: where the scene's origin is to lie */
 	bool doubles;
 	bool colours;
+	bool is_obj;
 	const struct turn *circles; /* see mesh_circle() */
 	struct out_file *out;       /* NULL while counting */
 };
@@ -139,6 +140,9 @@ static inline void mesh_quad(struct mesh *mesh, uint32_t a, uint32_t b, uint32_t
 	mesh_triangle(mesh, a, c, d);
 }
 
+/** What follows belongs to a group and is of a material; only OBJ keeps that. */
+void mesh_group(struct mesh *mesh, const char *group, const char *material);
+
 /** Says the scene, once a pass. */
 typedef void (*mesh_scene_fn)(struct mesh *mesh, void *arg);
 
@@ -149,6 +153,7 @@ struct mesh_file {
 	struct vec3 shift;
 	bool doubles;
 	bool colours;
+	const char *materials; /* an MTL file's name: writes OBJ, always doubles; NULL: PLY */
 };
 
 /** What was written. */
@@ -158,7 +163,7 @@ struct mesh_count {
 };
 
 /**
- * Writes a scene to a binary little-endian PLY file.
+ * Writes a scene to a binary little-endian PLY file, or to an OBJ file.
  *
  * ret: may be NULL
  *

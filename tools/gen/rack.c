@@ -17,7 +17,8 @@
 #include "tools/gen/rack_read.h"
 #include "tools/gen/rack_room.h"
 
-#define LIST_HEADER "file,m00,m01,m02,m03,m10,m11,m12,m13,m20,m21,m22,m23\n"
+#define MATERIALS_NAME "rooms.mtl"
+#define LIST_HEADER    "file,m00,m01,m02,m03,m10,m11,m12,m13,m20,m21,m22,m23\n"
 
 /* One line of the list that is a model, while its place is not known: the linear part. */
 struct rack_copy {
@@ -193,7 +194,7 @@ static char *room_path(const struct rack *rack, size_t room)
 {
 	char *path;
 
-	return asprintf(&path, "%s/room-%04zu.ply", rack->rooms_folder, room) < 0 ? NULL : path;
+	return asprintf(&path, "%s/room-%04zu.obj", rack->rooms_folder, room) < 0 ? NULL : path;
 }
 
 /* Removes the rooms from one on, also those of an earlier, larger scene. */
@@ -209,17 +210,55 @@ static void remove_rooms(const struct rack *rack, size_t first)
 	}
 }
 
+static char *materials_path(const struct rack *rack)
+{
+	char *path;
+
+	return asprintf(&path, "%s/" MATERIALS_NAME, rack->rooms_folder) < 0 ? NULL : path;
+}
+
+static int write_materials(const struct rack *rack, struct why *why)
+{
+	char *path = materials_path(rack);
+	struct out_file out;
+	int r;
+
+	if (!path)
+		return no_memory(why);
+	r = out_file_open(&out, path, why);
+	if (r == 0) {
+		rack_room_materials(&out);
+		r = out_file_commit(&out, why);
+		out_file_done(&out);
+	}
+	free(path);
+	return r;
+}
+
+/* What a failure leaves: nothing. */
+static void remove_folder(const struct rack *rack)
+{
+	char *path = materials_path(rack);
+
+	if (path)
+		(void)unlink(path);
+	free(path);
+	remove_rooms(rack, 0);
+	(void)rmdir(rack->rooms_folder);
+}
+
 static int write_rooms(const struct rack *rack, struct why *why)
 {
-	int r = 0;
+	int r;
 
 	if (mkdir(rack->rooms_folder, 0777) < 0 && errno != EEXIST)
 		return why_errno(why, -errno, "%s: cannot be made", rack->rooms_folder);
+	r = write_materials(rack, why);
 	for (size_t i = 0; i < rack->layout.room_count && r == 0; i++) {
 		char *path = room_path(rack, i);
 		struct mesh_file file = { .path = path,
 					  .description = "a room of a rack",
-					  .colours = true };
+					  .materials = MATERIALS_NAME };
 
 		if (!path)
 			return no_memory(why);
@@ -293,7 +332,7 @@ static void write_room_lines(const struct rack *rack, struct out_file *out)
 		const double turn[9] = { frame->x.x, 0, 0, 0, frame->y.y, 0, 0, 0, 1 };
 		char name[PATH_MAX];
 
-		(void)snprintf(name, sizeof(name), "%s/room-%04zu.ply", rack->rooms_name, i);
+		(void)snprintf(name, sizeof(name), "%s/room-%04zu.obj", rack->rooms_name, i);
 		write_line(out, name, turn, frame->origin);
 	}
 }
@@ -351,10 +390,8 @@ static int write_all(struct rack *rack, struct why *why)
 	r = write_rooms(rack, why);
 	if (r == 0)
 		r = write_list(rack, why);
-	if (r < 0) {
-		remove_rooms(rack, 0);
-		(void)rmdir(rack->rooms_folder);
-	}
+	if (r < 0)
+		remove_folder(rack);
 	return r;
 }
 

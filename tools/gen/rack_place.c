@@ -7,61 +7,87 @@
 
 #include "formats/base/check.h"
 
-/* Classes above are as good as infinite: the largest model is 2^60 times the median. */
-#define CLASS_MAX 60
+/* The largest model, in units: a room is wider than this. */
+#define LARGEST_UNITS 5.0
+/* Free height above a thing, as a share of its own: between these, as the rooms have room. */
+#define CLEARANCE_MIN 0.3
+#define CLEARANCE_MAX 1.5
+/* Height of the lowest boards, in units: nobody is to step onto a shelf. */
+#define LOWEST_UNITS 0.2
+#define DECK_UNITS   0.07
+#define SEARCH_STEPS 24
 
-struct rack_scale rack_scale(double unit, unsigned class)
+static struct rack_sizes sizes_of(double unit, double deck_depth)
 {
-	double large = ldexp(unit, (int)class);
-	/* People do not grow with what they store: ways do by the root. */
-	double way = unit * sqrt(ldexp(1, (int)class));
-	double height = sqrt(large * way);
-	struct rack_scale scale = {
-		.row_count = class < 2 ? RACK_ROWS_MAX : 1,
-		.row_bays = class < 2 ? RACK_ROW_BAYS_MAX >> class : 1,
-		.bay_width = 6 * large,
-		.bay_depth = 2.4 * large,
-		.height = 12 * height,
-		.board = 0.12 * way,
-		.gap = 0.12 * way,
-		.aisle = 6 * way,
-		.wall = 0.6 * way,
-		.room_height = 14 * height,
-		.corridor = 4.5 * way,
+	struct rack_sizes sizes = {
+		.unit = unit,
+		.height = 2.2 * unit,
+		.board = 0.02 * unit,
+		.gap = 0.015 * unit,
+		.aisle = 0.85 * unit,
+		.wall = 0.08 * unit,
+		.room_height = 2.6 * unit,
+		.corridor = 0.5 * unit,
 	};
+	double row_width = RACK_ROW_BAYS * (2 * unit + sizes.board) + sizes.board;
 
-	scale.room_width = 2 * scale.wall + scale.row_count * (2 * scale.bay_depth + scale.board) +
-			   (scale.row_count + 1) * scale.aisle;
-	scale.room_depth = 2 * scale.wall + 2 * scale.aisle +
-			   scale.row_bays * (scale.bay_width + scale.board) + scale.board;
-	return scale;
+	sizes.room_width = 2 * sizes.wall + 2 * sizes.aisle + row_width;
+	sizes.widths[RACK_DEEP] = 2 * unit;
+	sizes.widths[RACK_SHALLOW] = 2 * unit;
+	sizes.widths[RACK_DECK] = sizes.room_width - 2 * sizes.wall - 2 * sizes.gap;
+	/* A hair more than needed, for rounding. */
+	sizes.depths[RACK_DEEP] = 1.001 * unit + 2 * sizes.gap;
+	sizes.depths[RACK_SHALLOW] = 0.55 * unit;
+	sizes.depths[RACK_DECK] = deck_depth > 0 ? 1.001 * deck_depth + 2 * sizes.gap : 0;
+	sizes.row_depth = sizes.depths[RACK_DEEP] + sizes.board + sizes.depths[RACK_SHALLOW];
+	sizes.room_depth = 2 * sizes.wall + sizes.aisle +
+			   RACK_ROWS * (sizes.row_depth + sizes.aisle) + sizes.depths[RACK_DECK];
+	return sizes;
 }
 
-struct rack_bay_corner rack_bay_corner(const struct rack_scale *scale, unsigned bay)
+struct rack_bay_corner rack_bay_corner(const struct rack_sizes *sizes, unsigned bay)
 {
-	unsigned along = bay % scale->row_bays;
-	unsigned side = bay / scale->row_bays % 2;
-	unsigned row = bay / scale->row_bays / 2;
-	double row_x = scale->wall + scale->aisle +
-		       row * (2 * scale->bay_depth + scale->board + scale->aisle);
+	unsigned row = bay / (2 * RACK_ROW_BAYS);
+	bool deck = row == RACK_ROWS;
+	bool behind = !deck && bay / RACK_ROW_BAYS % 2 == 1;
+	double row_y = sizes->wall + sizes->aisle + row * (sizes->row_depth + sizes->aisle);
 
 	return (struct rack_bay_corner){
-		.x = row_x + (side ? 2 * scale->bay_depth + scale->board : 0),
-		.y = scale->wall + scale->aisle + scale->board +
-		     along * (scale->bay_width + scale->board),
-		.inward = side ? -1 : 1,
+		.kind = deck     ? RACK_DECK
+			: behind ? RACK_SHALLOW
+				 : RACK_DEEP,
+		.x = deck ? sizes->wall + sizes->gap
+			  : sizes->wall + sizes->aisle + sizes->board +
+				     bay % RACK_ROW_BAYS * (2 * sizes->unit + sizes->board),
+		.y = behind ? row_y + sizes->row_depth : row_y,
+		.inward = behind ? -1 : 1,
 	};
 }
 
 /* ---- order ---- */
 
 struct order {
-	const struct rack_item *items;
 	size_t index;
-	unsigned class;
+	bool is_large; /* no shelf takes it */
+	double key;
 };
 
-static int order_by_width(const void *a, const void *b)
+struct plan {
+	struct rack_item *items;
+	size_t item_count;
+	struct order *orders;
+	size_t large_count;
+	struct rack_sizes sizes;
+	double shallow_side; /* up to this a thing lies on a shallow shelf */
+	struct rack_layout layout;
+};
+
+static double larger_side(const struct rack_item *item)
+{
+	return fmax(item->size.x, item->size.y);
+}
+
+static int compare_numbers(const void *a, const void *b)
 {
 	double x = *(const double *)a;
 	double y = *(const double *)b;
@@ -69,266 +95,299 @@ static int order_by_width(const void *a, const void *b)
 	return (x > y) - (x < y);
 }
 
-/* The median of the larger sides; models of no extent are no measure. */
-static int find_unit(const struct rack_item *items, size_t item_count, double *ret)
+/* The 98th of 100 edges, so that the deck takes few; models of no extent are no measure. */
+static int find_unit(const struct plan *plan, double *ret)
 {
-	double *sides = malloc(item_count * sizeof(*sides));
+	double *edges = malloc(plan->item_count * sizeof(*edges));
 	size_t count = 0;
 
-	if (!sides)
+	if (!edges)
 		return -ENOMEM;
-	for (size_t i = 0; i < item_count; i++) {
-		double side = fmax(items[i].size.x, items[i].size.y);
+	for (size_t i = 0; i < plan->item_count; i++) {
+		double edge = fmax(larger_side(&plan->items[i]), plan->items[i].size.z);
 
-		if (side > 0)
-			sides[count++] = side;
+		if (edge > 0)
+			edges[count++] = edge;
 	}
-	qsort(sides, count, sizeof(*sides), order_by_width);
-	*ret = count > 0 ? sides[count / 2] : 1;
-	free(sides);
+	qsort(edges, count, sizeof(*edges), compare_numbers);
+	*ret = count > 0 ? fmax(edges[count - 1 - count / 50], edges[count - 1] / LARGEST_UNITS)
+			 : 1;
+	free(edges);
 	return 0;
 }
 
-/* An item's depth is its x, its width its y: bays open along x. */
-static unsigned item_class(const struct rack_item *item, double unit)
-{
-	unsigned class = 0;
-
-	for (; class < CLASS_MAX; class ++) {
-		const struct rack_scale scale = rack_scale(unit, class);
-
-		if (item->size.y <= scale.bay_width - 2 * scale.gap &&
-		    item->size.x <= scale.bay_depth - 2 * scale.gap &&
-		    item->size.z <= 0.6 * scale.height)
-			break;
-	}
-	return class;
-}
-
-static int order_compare(const void *a, const void *b)
+/* Large ones first, the deepest of them first; then the highest. */
+static int compare_orders(const void *a, const void *b)
 {
 	const struct order *x = a;
 	const struct order *y = b;
-	double height_x = x->items[x->index].size.z;
-	double height_y = y->items[y->index].size.z;
 
-	if (x->class != y->class)
-		return x->class < y->class ? -1 : 1;
-	if (height_x != height_y)
-		return height_x > height_y ? -1 : 1;
+	if (x->is_large != y->is_large)
+		return x->is_large ? -1 : 1;
+	if (x->key != y->key)
+		return x->key > y->key ? -1 : 1;
 	return x->index < y->index ? -1 : 1;
+}
+
+static int make_order(struct plan *plan)
+{
+	double deck_depth = 0;
+	double unit;
+	int r = find_unit(plan, &unit);
+
+	if (r < 0)
+		return r;
+	for (size_t i = 0; i < plan->item_count; i++) {
+		const struct rack_item *item = &plan->items[i];
+		bool is_large = fmax(larger_side(item), item->size.z) > unit;
+
+		plan->orders[i] =
+			(struct order){ i, is_large, is_large ? item->size.y : item->size.z };
+		plan->large_count += is_large;
+		if (is_large)
+			deck_depth = fmax(deck_depth, item->size.y);
+	}
+	qsort(plan->orders, plan->item_count, sizeof(*plan->orders), compare_orders);
+	plan->sizes = sizes_of(unit, deck_depth);
+	return 0;
 }
 
 /* ---- filling ---- */
 
-/* Where the next item goes: lines from front to back on a board, boards up a bay, bays of a room. */
-struct cursor {
-	struct rack_layout *layout;
-	size_t room_capacity;
-	double unit;
-	unsigned class;
-	bool in_room; /* else the next item opens one */
-	struct rack_scale scale;
-	unsigned bay;
-	double depth;       /* where the line begins */
-	double line_depth;  /* of the deepest item in it */
-	double width;       /* where the next item of the line begins */
-	double board_above; /* the least height of the next board */
+/* Where the next item goes: lines from front to back on a board, boards up a bay, bay after bay. */
+struct filling {
+	struct plan *plan;
+	enum rack_kind kind;
+	double clearance;
+	size_t bay_items_max;
+	bool is_trial; /* bays are only counted */
+
+	size_t bay_count; /* so far */
+	size_t bay_items; /* of the last bay, as all that follows */
+	unsigned board_count;
+	double board;      /* height of its upper side */
+	double next_board; /* the least height of the next one */
+	double depth;      /* where the line begins */
+	double line_depth; /* of the deepest item in it */
+	double width;      /* where the next item of the line begins */
 };
 
-static struct rack_room *last_room(const struct cursor *cursor)
+static enum rack_kind item_kind(const struct plan *plan, const struct order *order)
 {
-	return &cursor->layout->rooms[cursor->layout->room_count - 1];
+	if (order->is_large)
+		return RACK_DECK;
+	return larger_side(&plan->items[order->index]) <= plan->shallow_side ? RACK_SHALLOW
+									     : RACK_DEEP;
 }
 
-static int add_room(struct cursor *cursor)
+/* Bays are dealt to the rooms in turn, and in each room to the next place, so that rooms differ. */
+static struct rack_bay *dealt_bay(const struct filling *filling, struct rack_room **ret_room,
+				  unsigned *ret_bay)
 {
-	struct rack_layout *layout = cursor->layout;
+	struct rack_layout *layout = &filling->plan->layout;
+	size_t dealt = filling->bay_count - 1;
+	size_t room = dealt % layout->room_count;
+	unsigned place = (unsigned)((dealt / layout->room_count + room) % RACK_SIDE_BAYS);
 
-	if (layout->room_count == cursor->room_capacity) {
-		size_t capacity = 2 * cursor->room_capacity + 8;
-		struct rack_room *rooms =
-			reallocarray(layout->rooms, capacity, sizeof(*layout->rooms));
-
-		if (!rooms)
-			return -ENOMEM;
-		layout->rooms = rooms;
-		cursor->room_capacity = capacity;
-	}
-	cursor->scale = rack_scale(cursor->unit, cursor->class);
-	layout->rooms[layout->room_count++] = (struct rack_room){ .scale = cursor->scale };
-	return 0;
-}
-
-/* Rooms stand in pairs: where a class has an odd number, the last one of it is empty. */
-static int end_class(struct cursor *cursor)
-{
-	cursor->in_room = false;
-	return cursor->layout->room_count % 2 == 1 ? add_room(cursor) : 0;
-}
-
-static void open_bay(struct cursor *cursor, unsigned bay)
-{
-	cursor->bay = bay;
-	cursor->board_above = 0.04 * cursor->scale.height;
-}
-
-static int next_bay(struct cursor *cursor)
-{
-	int r = 0;
-
-	if (cursor->in_room &&
-	    cursor->bay + 1 < 2 * cursor->scale.row_count * cursor->scale.row_bays) {
-		open_bay(cursor, cursor->bay + 1);
-	} else {
-		r = add_room(cursor);
-		cursor->in_room = true;
-		open_bay(cursor, 0);
-	}
-	return r;
+	*ret_room = &layout->rooms[room];
+	*ret_bay = filling->kind == RACK_DECK
+			   ? RACK_ROOM_BAYS - 1
+			   : (2 * (place / RACK_ROW_BAYS) + filling->kind) * RACK_ROW_BAYS +
+				     place % RACK_ROW_BAYS;
+	return &(*ret_room)->bays[*ret_bay];
 }
 
 /* Opens a board for an item that is at least as high as all that follow on it. */
-static int next_board(struct cursor *cursor, double item_height)
+static void open_board(struct filling *filling, double item_height)
 {
-	struct rack_bay *bay = &last_room(cursor)->bays[cursor->bay];
-	double top = cursor->board_above + cursor->scale.board + item_height;
-	int r;
+	const struct rack_sizes *sizes = &filling->plan->sizes;
+	unsigned board_max = filling->kind == RACK_DECK ? 1 : RACK_BOARDS_MAX;
 
-	if (top > cursor->scale.height || bay->board_count == RACK_BOARDS_MAX) {
-		r = next_bay(cursor);
-		if (r < 0)
-			return r;
-		bay = &last_room(cursor)->bays[cursor->bay];
-		top = cursor->board_above + cursor->scale.board + item_height;
+	if (filling->bay_count == 0 || filling->bay_items == filling->bay_items_max ||
+	    filling->board_count == board_max ||
+	    filling->next_board + item_height > sizes->height) {
+		filling->bay_count++;
+		filling->bay_items = 0;
+		filling->board_count = 0;
+		filling->next_board = filling->kind == RACK_DECK ? DECK_UNITS * sizes->unit
+								 : LOWEST_UNITS * sizes->unit;
 	}
-	bay->boards[bay->board_count++] = cursor->board_above + cursor->scale.board;
-	/* A hand fits between a thing and the board above it. */
-	cursor->board_above = top + fmax(4 * cursor->scale.gap, 0.25 * item_height);
-	cursor->depth = cursor->scale.gap;
-	cursor->line_depth = 0;
-	cursor->width = cursor->scale.gap;
-	return 0;
+	filling->board = filling->next_board;
+	filling->next_board +=
+		fmax(sizes->height / RACK_BOARDS_MAX,
+		     item_height * (1 + filling->clearance) + 2 * sizes->gap + sizes->board);
+	filling->board_count++;
+	filling->depth = sizes->gap;
+	filling->line_depth = 0;
+	filling->width = sizes->gap;
 }
 
-static int place_item(struct cursor *cursor, struct rack_item *item)
+static void put_item(const struct filling *filling, struct rack_item *item)
 {
-	const struct rack_scale *scale = &cursor->scale;
-	const struct rack_bay *bay;
-	struct rack_bay_corner corner;
-	int r;
+	const struct rack_sizes *sizes = &filling->plan->sizes;
+	struct rack_room *room;
+	unsigned index;
+	struct rack_bay *bay = dealt_bay(filling, &room, &index);
+	struct rack_bay_corner corner = rack_bay_corner(sizes, index);
 
-	if (cursor->width + item->size.y + scale->gap > scale->bay_width) {
-		cursor->depth += cursor->line_depth + scale->gap;
-		cursor->line_depth = 0;
-		cursor->width = scale->gap;
-	}
-	if (cursor->depth + item->size.x + scale->gap > scale->bay_depth) {
-		r = next_board(cursor, item->size.z);
-		if (r < 0)
-			return r;
-	}
-	bay = &last_room(cursor)->bays[cursor->bay];
-	corner = rack_bay_corner(scale, cursor->bay);
-	/* In the room for now; the gap keeps undersides out of the board's plane. */
-	item->place = (struct vec3){
-		corner.x + corner.inward * (cursor->depth + item->size.x / 2),
-		corner.y + cursor->width + item->size.y / 2,
-		bay->boards[bay->board_count - 1] + 0.1 * scale->gap,
-	};
-	cursor->width += item->size.y + scale->gap;
-	cursor->line_depth = fmax(cursor->line_depth, item->size.x);
-	return 0;
+	bay->board_count = filling->board_count;
+	bay->boards[filling->board_count - 1] = filling->board;
+	/* The gap keeps undersides out of the board's plane. */
+	item->place = frame_point(
+		&room->frame,
+		(struct vec3){ corner.x + filling->width + item->size.x / 2,
+			       corner.y + corner.inward * (filling->depth + item->size.y / 2),
+			       filling->board + 0.1 * sizes->gap });
 }
 
-/* Puts the rooms side by side: even ones north of the corridor, odd ones south, turned around. */
-static void arrange_rooms(struct rack_layout *layout)
+static void add_item(struct filling *filling, struct rack_item *item)
 {
-	double x = 0;
+	const struct rack_sizes *sizes = &filling->plan->sizes;
 
-	for (size_t i = 0; i < layout->room_count; i++) {
-		struct rack_room *room = &layout->rooms[i];
-		double width = room->scale.room_width;
+	if (filling->width + item->size.x + sizes->gap > sizes->widths[filling->kind]) {
+		filling->depth += filling->line_depth + sizes->gap;
+		filling->line_depth = 0;
+		filling->width = sizes->gap;
+	}
+	if (filling->bay_count == 0 || filling->bay_items == filling->bay_items_max ||
+	    filling->depth + item->size.y + sizes->gap > sizes->depths[filling->kind])
+		open_board(filling, item->size.z);
+	if (!filling->is_trial)
+		put_item(filling, item);
+	filling->bay_items++;
+	filling->width += item->size.x + sizes->gap;
+	filling->line_depth = fmax(filling->line_depth, item->size.y);
+}
+
+/* Returns: how many bays of the kind are filled. */
+static size_t fill(struct plan *plan, enum rack_kind kind, double clearance, size_t bay_items_max,
+		   bool is_trial)
+{
+	struct filling filling = { .plan = plan,
+				   .kind = kind,
+				   .clearance = clearance,
+				   .bay_items_max = bay_items_max,
+				   .is_trial = is_trial };
+
+	for (size_t i = 0; i < plan->item_count; i++) {
+		if (item_kind(plan, &plan->orders[i]) == kind)
+			add_item(&filling, &plan->items[plan->orders[i].index]);
+	}
+	return filling.bay_count;
+}
+
+/* ---- rooms ---- */
+
+/* Chooses what is small, so that both sides of the rows fill equally.  Returns: bays of a side. */
+static size_t balance_sides(struct plan *plan)
+{
+	double low = 0;
+	double high = plan->sizes.depths[RACK_SHALLOW] - 2.1 * plan->sizes.gap;
+	size_t shallow;
+	size_t deep;
+
+	for (int step = 0; step < SEARCH_STEPS; step++) {
+		/* The upper end itself comes first: there may be few large things. */
+		plan->shallow_side = step == 0 ? high : (low + high) / 2;
+		shallow = fill(plan, RACK_SHALLOW, CLEARANCE_MIN, SIZE_MAX, true);
+		deep = fill(plan, RACK_DEEP, CLEARANCE_MIN, SIZE_MAX, true);
+		if (shallow <= deep)
+			low = plan->shallow_side;
+		else
+			high = plan->shallow_side;
+	}
+	plan->shallow_side = low;
+	shallow = fill(plan, RACK_SHALLOW, CLEARANCE_MIN, SIZE_MAX, true);
+	deep = fill(plan, RACK_DEEP, CLEARANCE_MIN, SIZE_MAX, true);
+	return shallow > deep ? shallow : deep;
+}
+
+/* Even rooms stand north of the corridor, odd ones south, turned around. */
+static int make_rooms(struct plan *plan, size_t room_count)
+{
+	const struct rack_sizes *sizes = &plan->sizes;
+	struct rack_room *rooms = calloc(room_count, sizeof(*rooms));
+
+	if (!rooms)
+		return -ENOMEM;
+	for (size_t i = 0; i < room_count; i++) {
 		bool south = i % 2 == 1;
 		bool first = i < 2;
-		bool last = i + 2 >= layout->room_count;
-		bool like_before = !first && layout->rooms[i - 2].scale.room_width == width;
-		bool like_after = !last && layout->rooms[i + 2].scale.room_width == width;
+		bool last = i + 2 >= room_count;
 
-		room->frame = FRAME_WORLD;
-		room->frame.origin =
-			(struct vec3){ south ? x + width : x,
-				       south ? -room->scale.corridor : room->scale.corridor, 0 };
+		rooms[i] = (struct rack_room){ .sizes = *sizes,
+					       .number = i,
+					       .frame = FRAME_WORLD,
+					       .neighbour_low_x = south ? !last : !first,
+					       .neighbour_high_x = south ? !first : !last };
+		/* Walls stand a hair apart, so that no two faces lie in one plane. */
+		rooms[i].frame.origin.x = (double)(i / 2) * 1.001 * sizes->room_width;
+		rooms[i].frame.origin.y = sizes->corridor;
 		if (south) {
-			room->frame.x.x = -1;
-			room->frame.y.y = -1;
+			rooms[i].frame.origin.x += sizes->room_width;
+			rooms[i].frame.origin.y *= -1;
+			rooms[i].frame.x.x = -1;
+			rooms[i].frame.y.y = -1;
 		}
-		room->passage_low_x = south ? like_after : like_before;
-		room->passage_high_x = south ? like_before : like_after;
-		room->corridor_ends_low_x = south ? last : first;
-		room->corridor_ends_high_x = south ? first : last;
-		if (south)
-			x += width + room->scale.gap;
 	}
+	plan->layout = (struct rack_layout){ rooms, room_count };
+	return 0;
 }
 
-static int place_all(struct cursor *cursor, const struct order *orders, struct rack_item *items,
-		     size_t *room_of, size_t item_count)
+/* The most air above things with which they still fit in the rooms. */
+static void fill_sides(struct plan *plan, enum rack_kind kind)
 {
-	int r;
+	double low = CLEARANCE_MIN;
+	double high = CLEARANCE_MAX;
 
-	for (size_t i = 0; i < item_count; i++) {
-		size_t index = orders[i].index;
+	for (int step = 0; step < SEARCH_STEPS; step++) {
+		double middle = (low + high) / 2;
 
-		if (cursor->in_room && orders[i].class != cursor->class) {
-			r = end_class(cursor);
-			if (r < 0)
-				return r;
-		}
-		cursor->class = orders[i].class;
-		if (!cursor->in_room) {
-			r = next_bay(cursor);
-			if (r == 0)
-				r = next_board(cursor, items[index].size.z);
-			if (r < 0)
-				return r;
-		}
-		r = place_item(cursor, &items[index]);
-		if (r < 0)
-			return r;
-		room_of[index] = cursor->layout->room_count - 1;
+		if (fill(plan, kind, middle, SIZE_MAX, true) <=
+		    RACK_SIDE_BAYS * plan->layout.room_count)
+			low = middle;
+		else
+			high = middle;
 	}
-	return end_class(cursor);
+	(void)fill(plan, kind, low, SIZE_MAX, false);
+}
+
+/* As few on each deck as all decks together allow. */
+static void fill_decks(struct plan *plan)
+{
+	size_t room_count = plan->layout.room_count;
+	size_t items_max = (plan->large_count + room_count - 1) / room_count;
+
+	while (fill(plan, RACK_DECK, 0, items_max, true) > room_count)
+		items_max++;
+	(void)fill(plan, RACK_DECK, 0, items_max, false);
 }
 
 int rack_place(struct rack_item *items, size_t item_count, struct rack_layout *ret)
 {
-	struct rack_layout layout = { 0 };
-	struct cursor cursor = { .layout = &layout };
-	struct order *orders = malloc(item_count * sizeof(*orders));
-	size_t *room_of = malloc(item_count * sizeof(*room_of));
+	struct plan plan = { .items = items, .item_count = item_count };
+	size_t room_count;
+	size_t deck_count;
 	int r = -ENOMEM;
 
 	CHECK(item_count > 0);
-	if (orders && room_of)
-		r = find_unit(items, item_count, &cursor.unit);
+	plan.orders = malloc(item_count * sizeof(*plan.orders));
+	if (plan.orders)
+		r = make_order(&plan);
 	if (r == 0) {
-		for (size_t i = 0; i < item_count; i++)
-			orders[i] = (struct order){ items, i, item_class(&items[i], cursor.unit) };
-		qsort(orders, item_count, sizeof(*orders), order_compare);
-		r = place_all(&cursor, orders, items, room_of, item_count);
+		room_count = (balance_sides(&plan) + RACK_SIDE_BAYS - 1) / RACK_SIDE_BAYS;
+		deck_count = fill(&plan, RACK_DECK, 0, SIZE_MAX, true);
+		room_count = deck_count > room_count ? deck_count : room_count;
+		r = make_rooms(&plan, room_count + room_count % 2);
 	}
 	if (r == 0) {
-		arrange_rooms(&layout);
-		for (size_t i = 0; i < item_count; i++)
-			items[i].place =
-				frame_point(&layout.rooms[room_of[i]].frame, items[i].place);
-		*ret = layout;
-	} else {
-		rack_layout_done(&layout);
+		fill_sides(&plan, RACK_DEEP);
+		fill_sides(&plan, RACK_SHALLOW);
+		if (plan.large_count > 0)
+			fill_decks(&plan);
+		*ret = plan.layout;
 	}
-	free(orders);
-	free(room_of);
+	free(plan.orders);
 	return r;
 }
 

@@ -1,92 +1,130 @@
 /* SPDX-License-Identifier: MIT */
 #include "tools/gen/rack_room.h"
 
-#include "tools/gen/machine.h"
+#include <stdio.h>
+
+#include "formats/base/bytes.h"
+#include "tools/gen/solid.h"
 
 static struct vec3 at(double x, double y, double z)
 {
 	return (struct vec3){ x, y, z };
 }
 
+/* ---- groups ---- */
+
+enum material {
+	MATERIAL_FLOOR,
+	MATERIAL_WALL,
+	MATERIAL_UPRIGHT,
+	MATERIAL_SHELF,
+	MATERIAL_PANEL,
+	MATERIAL_DECK,
+	MATERIAL_LAMP,
+};
+
+static const struct {
+	const char *name;
+	const char *colour; /* as MTL writes it */
+} materials[] = {
+	[MATERIAL_FLOOR] = { "floor", "0.55 0.55 0.53" },
+	[MATERIAL_WALL] = { "wall", "0.86 0.84 0.78" },
+	[MATERIAL_UPRIGHT] = { "upright", "0.20 0.35 0.60" },
+	[MATERIAL_SHELF] = { "shelf", "0.72 0.75 0.78" },
+	[MATERIAL_PANEL] = { "panel", "0.62 0.66 0.70" },
+	[MATERIAL_DECK] = { "deck", "0.66 0.50 0.32" },
+	[MATERIAL_LAMP] = { "lamp", "0.97 0.96 0.90" },
+};
+
+void rack_room_materials(struct out_file *out)
+{
+	for (size_t i = 0; i < ARRAY_LENGTH(materials); i++)
+		out_file_printf(out, "newmtl %s\nKd %s\n", materials[i].name, materials[i].colour);
+}
+
+static void begin_group(struct mesh *mesh, const struct rack_room *room, enum material material)
+{
+	char group[64];
+
+	(void)snprintf(group, sizeof(group), "room %zu / %s", room->number,
+		       materials[material].name);
+	mesh_group(mesh, group, materials[material].name);
+}
+
 /* ---- racks ---- */
 
-/* The box between two points in any order of x. */
+/* The box between two points in any order of y. */
 static void box_between(struct mesh *mesh, struct vec3 low, struct vec3 high)
 {
 	const struct frame frame = FRAME_WORLD;
 
-	if (low.x > high.x) {
-		double x = low.x;
+	if (low.y > high.y) {
+		double y = low.y;
 
-		low.x = high.x;
-		high.x = x;
+		low.y = high.y;
+		high.y = y;
 	}
 	solid_box(mesh, &frame, low, high);
 }
 
-static void make_bay(struct mesh *mesh, const struct rack_room *room, unsigned bay)
+/* Uprights in the corners of all bays of a side; neighbours share theirs. */
+static void make_uprights(struct mesh *mesh, const struct rack_sizes *sizes, unsigned side)
 {
-	const struct rack_scale *scale = &room->scale;
-	const struct rack_bay *boards = &room->bays[bay];
-	struct rack_bay_corner corner = rack_bay_corner(scale, bay);
-	double post = 0.6 * scale->board;
-	double back = corner.x + corner.inward * (scale->bay_depth - 0.02 * scale->board);
+	for (unsigned i = 0; i <= RACK_ROW_BAYS; i++) {
+		struct rack_bay_corner corner = rack_bay_corner(sizes, side * RACK_ROW_BAYS);
+		double x = corner.x - 0.9 * sizes->board + i * (2 * sizes->unit + sizes->board);
+		double width = 0.8 * sizes->board;
+		double back = corner.y + corner.inward * sizes->depths[corner.kind];
 
-	machine_paint(mesh, PAINT_STRUCTURE);
-	for (unsigned i = 0; i < 2; i++) {
-		double x = i ? back - corner.inward * post : corner.x + corner.inward * post;
-		double y = corner.y - 0.8 * scale->board;
-
-		box_between(mesh, at(x - corner.inward * post, y, 0),
-			    at(x, y + post, scale->height));
-		if (bay % scale->row_bays + 1 == scale->row_bays) {
-			y = corner.y + scale->bay_width + 0.2 * scale->board;
-			box_between(mesh, at(x - corner.inward * post, y, 0),
-				    at(x, y + post, scale->height));
-		}
+		box_between(mesh, at(x, corner.y + corner.inward * 0.1 * width, 0),
+			    at(x + width, corner.y + corner.inward * width, sizes->height));
+		box_between(mesh, at(x, back - corner.inward * width, 0),
+			    at(x + width, back - corner.inward * 0.1 * width, sizes->height));
 	}
-	machine_paint(mesh, PAINT_CABINET);
-	for (unsigned i = 0; i < boards->board_count; i++)
-		box_between(mesh,
-			    at(corner.x, corner.y - 0.1 * scale->board,
-			       boards->boards[i] - scale->board),
-			    at(back, corner.y + scale->bay_width + 0.1 * scale->board,
-			       boards->boards[i]));
 }
 
-static bool row_is_used(const struct rack_room *room, unsigned row)
+static void make_boards(struct mesh *mesh, const struct rack_room *room, unsigned index)
 {
-	unsigned bay_count = 2 * room->scale.row_bays;
+	const struct rack_sizes *sizes = &room->sizes;
+	const struct rack_bay *bay = &room->bays[index];
+	struct rack_bay_corner corner = rack_bay_corner(sizes, index);
+	double back = corner.y + corner.inward * (sizes->depths[corner.kind] - 0.02 * sizes->board);
 
-	for (unsigned i = 0; i < bay_count; i++) {
-		if (room->bays[row * bay_count + i].board_count > 0)
-			return true;
-	}
-	return false;
+	for (unsigned i = 0; i < bay->board_count; i++)
+		box_between(
+			mesh,
+			at(corner.x - 0.2 * sizes->board, corner.y, bay->boards[i] - sizes->board),
+			at(corner.x + sizes->widths[corner.kind] + 0.2 * sizes->board, back,
+			   bay->boards[i]));
 }
 
-static void make_row(struct mesh *mesh, const struct rack_room *room, unsigned row)
+static void make_racks(struct mesh *mesh, const struct rack_room *room)
 {
-	const struct rack_scale *scale = &room->scale;
-	unsigned bay_count = 2 * scale->row_bays;
-	struct rack_bay_corner corner = rack_bay_corner(scale, row * bay_count);
-	double length = scale->row_bays * (scale->bay_width + scale->board);
-	double back = corner.x + scale->bay_depth;
+	const struct rack_sizes *sizes = &room->sizes;
 
-	if (!row_is_used(room, row))
-		return;
-	machine_paint(mesh, PAINT_TRAY);
-	box_between(mesh, at(back, corner.y - 0.5 * scale->board, 0.01 * scale->height),
-		    at(back + scale->board, corner.y + length - 0.5 * scale->board,
-		       0.99 * scale->height));
-	for (unsigned i = 0; i < bay_count; i++)
-		make_bay(mesh, room, row * bay_count + i);
+	begin_group(mesh, room, MATERIAL_PANEL);
+	for (unsigned row = 0; row < RACK_ROWS; row++) {
+		struct rack_bay_corner corner = rack_bay_corner(sizes, row * 2 * RACK_ROW_BAYS);
+		double y = corner.y + sizes->depths[RACK_DEEP];
+		double x = sizes->room_width - corner.x;
+
+		box_between(mesh, at(corner.x - 0.5 * sizes->board, y, 0.01 * sizes->height),
+			    at(x + 0.5 * sizes->board, y + sizes->board, 0.99 * sizes->height));
+	}
+	begin_group(mesh, room, MATERIAL_UPRIGHT);
+	for (unsigned side = 0; side < 2 * RACK_ROWS; side++)
+		make_uprights(mesh, sizes, side);
+	begin_group(mesh, room, MATERIAL_SHELF);
+	for (unsigned bay = 0; bay + 1 < RACK_ROOM_BAYS; bay++)
+		make_boards(mesh, room, bay);
+	begin_group(mesh, room, MATERIAL_DECK);
+	make_boards(mesh, room, RACK_ROOM_BAYS - 1);
 }
 
 /* ---- walls ---- */
 
 /* A wall from a place along x or y; height from the floor. */
-static void make_wall(struct mesh *mesh, const struct rack_scale *scale, struct vec3 from,
+static void make_wall(struct mesh *mesh, const struct rack_sizes *sizes, struct vec3 from,
 		      bool along_y, struct plate plate)
 {
 	struct frame frame = FRAME_WORLD;
@@ -94,77 +132,132 @@ static void make_wall(struct mesh *mesh, const struct rack_scale *scale, struct 
 	/* Upright: the plate's y up, its thickness towards +x or -y. */
 	frame = along_y ? (struct frame){ frame.y, frame.z, frame.x, from }
 			: (struct frame){ frame.x, frame.z, at(0, -1, 0), from };
-	plate.height = scale->room_height;
-	plate.thickness = scale->wall;
-	machine_paint(mesh, PAINT_WALL);
+	plate.height = sizes->room_height;
+	plate.thickness = sizes->wall;
 	solid_plate(mesh, &frame, &plate);
 }
 
-static void add_opening(struct plate *plate, double middle, double width, double low, double high)
+static void add_door(struct plate *plate, const struct rack_sizes *sizes, double middle)
+{
+	double half = 0.35 * sizes->aisle;
+
+	plate->openings[plate->opening_count++] =
+		(struct opening){ middle - half, 0, middle + half, 0.9 * sizes->height };
+}
+
+static void add_window(struct plate *plate, const struct rack_sizes *sizes, double low, double high)
 {
 	plate->openings[plate->opening_count++] =
-		(struct opening){ middle - width / 2, low, middle + width / 2, high };
+		(struct opening){ low, 0.4 * sizes->height, high, 0.9 * sizes->height };
 }
 
-/* Doors at the first and last aisle, windows between. */
-static void make_long_walls(struct mesh *mesh, const struct rack_scale *scale)
+/* Doors where the ways around the rows are, a window before each bay. */
+static void make_corridor_wall(struct mesh *mesh, const struct rack_sizes *sizes)
 {
-	double door = 0.7 * scale->aisle;
-	struct plate plate = { .width = scale->room_width - 0.02 * scale->wall };
-	double pitch = 2 * scale->bay_depth + scale->board + scale->aisle;
+	struct plate plate = { .width = sizes->room_width - 0.02 * sizes->wall };
+	double way = sizes->wall + sizes->aisle / 2;
 
-	for (unsigned row = 0; row <= scale->row_count; row++) {
-		double middle = scale->wall + scale->aisle / 2 + row * pitch;
+	add_door(&plate, sizes, way);
+	for (unsigned bay = 0; bay < RACK_ROW_BAYS; bay++) {
+		double x = rack_bay_corner(sizes, bay).x;
 
-		if (row % 2 == 0)
-			add_opening(&plate, middle, door, 0, 0.85 * scale->height);
-		else
-			add_opening(&plate, middle, door, 0.4 * scale->height,
-				    0.85 * scale->height);
+		add_window(&plate, sizes, x + 0.2 * sizes->unit, x + 1.8 * sizes->unit);
 	}
-	make_wall(mesh, scale, at(0.01 * scale->wall, scale->wall, 0), false, plate);
-	for (unsigned i = 0; i < plate.opening_count; i++)
-		plate.openings[i].low_y = 0.55 * scale->height;
-	make_wall(mesh, scale, at(0.01 * scale->wall, scale->room_depth, 0), false, plate);
+	add_door(&plate, sizes, sizes->room_width - way);
+	make_wall(mesh, sizes, at(0.01 * sizes->wall, sizes->wall, 0), false, plate);
 }
 
-static void make_side_wall(struct mesh *mesh, const struct rack_scale *scale, double x,
-			   bool passage)
+/* To a neighbour: a door at the end of each aisle, so that one sees from room to room; windows. */
+static void make_side_wall(struct mesh *mesh, const struct rack_sizes *sizes, double x,
+			   bool neighbour)
 {
-	double begin = 1.01 * scale->wall;
-	struct plate plate = { .width = scale->room_depth - 2 * begin };
+	double begin = 1.01 * sizes->wall;
+	struct plate plate = { .width = sizes->room_depth - 2 * begin };
 
-	if (passage)
-		add_opening(&plate, plate.width - scale->aisle / 2, 0.6 * scale->aisle, 0,
-			    0.85 * scale->height);
-	make_wall(mesh, scale, at(x, begin, 0), true, plate);
+	for (unsigned row = 0; neighbour && row <= RACK_ROWS; row++) {
+		double y = sizes->wall + row * (sizes->row_depth + sizes->aisle) - begin;
+
+		add_door(&plate, sizes, y + sizes->aisle / 2);
+		y += sizes->aisle;
+		if (row < RACK_ROWS)
+			add_window(&plate, sizes, y + 0.2 * sizes->row_depth,
+				   y + 0.8 * sizes->row_depth);
+	}
+	make_wall(mesh, sizes, at(x, begin, 0), true, plate);
 }
 
 /* Half of a corridor's end wall, with half a door. */
-static void make_corridor_end(struct mesh *mesh, const struct rack_scale *scale, double x)
+static void make_corridor_end(struct mesh *mesh, const struct rack_sizes *sizes, double x)
 {
-	struct plate plate = { .width = 0.99 * scale->corridor };
+	struct plate plate = { .width = 0.99 * sizes->corridor };
 
 	plate.openings[plate.opening_count++] =
-		(struct opening){ 0, 0, 0.35 * scale->aisle, 0.85 * scale->height };
-	make_wall(mesh, scale, at(x, -scale->corridor, 0), true, plate);
+		(struct opening){ 0, 0, 0.35 * sizes->aisle, 0.9 * sizes->height };
+	make_wall(mesh, sizes, at(x, -sizes->corridor, 0), true, plate);
+}
+
+static void make_walls(struct mesh *mesh, const struct rack_room *room)
+{
+	const struct rack_sizes *sizes = &room->sizes;
+	struct plate outer = { .width = sizes->room_width - 0.02 * sizes->wall };
+	double low_x = 0.01 * sizes->wall;
+	double high_x = sizes->room_width - 1.01 * sizes->wall;
+
+	begin_group(mesh, room, MATERIAL_WALL);
+	make_corridor_wall(mesh, sizes);
+	make_wall(mesh, sizes, at(low_x, sizes->room_depth, 0), false, outer);
+	make_side_wall(mesh, sizes, low_x, room->neighbour_low_x);
+	make_side_wall(mesh, sizes, high_x, room->neighbour_high_x);
+	if (!room->neighbour_low_x)
+		make_corridor_end(mesh, sizes, low_x);
+	if (!room->neighbour_high_x)
+		make_corridor_end(mesh, sizes, high_x);
+}
+
+/* ---- lamps ---- */
+
+/*
+ * Broad ones above all ways, so that these have a height that programs can measure, and the rest
+ * is open to the sky.  Those across hang below those along the rows.
+ */
+static void make_lamps(struct mesh *mesh, const struct rack_room *room)
+{
+	const struct rack_sizes *sizes = &room->sizes;
+	double margin = 0.2 * sizes->aisle;
+	double width = sizes->aisle - 2 * margin;
+	double thickness = 0.3 * sizes->wall;
+	double top = sizes->room_height - 0.1 * thickness;
+	double begin = 0.98 * sizes->wall;
+	double end_x = sizes->room_width - begin;
+	double end_y = begin;
+
+	begin_group(mesh, room, MATERIAL_LAMP);
+	for (unsigned row = 0; row <= RACK_ROWS; row++) {
+		double y = sizes->wall + margin + row * (sizes->row_depth + sizes->aisle);
+
+		box_between(mesh, at(begin, y, top - thickness), at(end_x, y + width, top));
+		end_y = y + width;
+	}
+	top -= 1.1 * thickness;
+	for (unsigned i = 0; i < 2; i++) {
+		double way = sizes->wall + margin;
+		double x = i == 0 ? way : sizes->room_width - way - width;
+
+		box_between(mesh, at(x, begin, top - thickness), at(x + width, end_y, top));
+	}
+	box_between(mesh, at(begin, -0.99 * sizes->corridor, top - thickness),
+		    at(end_x, -0.4 * sizes->corridor, top));
 }
 
 void rack_room_make(struct mesh *mesh, void *arg)
 {
 	const struct rack_room *room = arg;
-	const struct rack_scale *scale = &room->scale;
+	const struct rack_sizes *sizes = &room->sizes;
 
-	machine_paint(mesh, PAINT_CONCRETE);
-	box_between(mesh, at(0, -scale->corridor, -scale->wall),
-		    at(scale->room_width, scale->room_depth, 0));
-	make_long_walls(mesh, scale);
-	make_side_wall(mesh, scale, 0.01 * scale->wall, room->passage_low_x);
-	make_side_wall(mesh, scale, scale->room_width - 1.01 * scale->wall, room->passage_high_x);
-	if (room->corridor_ends_low_x)
-		make_corridor_end(mesh, scale, 0.01 * scale->wall);
-	if (room->corridor_ends_high_x)
-		make_corridor_end(mesh, scale, scale->room_width - 1.01 * scale->wall);
-	for (unsigned row = 0; row < scale->row_count; row++)
-		make_row(mesh, room, row);
+	begin_group(mesh, room, MATERIAL_FLOOR);
+	box_between(mesh, at(0, -sizes->corridor, -sizes->wall),
+		    at(sizes->room_width, sizes->room_depth, 0));
+	make_walls(mesh, room);
+	make_racks(mesh, room);
+	make_lamps(mesh, room);
 }
