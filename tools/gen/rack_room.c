@@ -139,7 +139,7 @@ static void make_wall(struct mesh *mesh, const struct rack_sizes *sizes, struct 
 
 static void add_door(struct plate *plate, const struct rack_sizes *sizes, double middle)
 {
-	double half = 0.35 * sizes->aisle;
+	double half = 0.4 * sizes->aisle;
 
 	plate->openings[plate->opening_count++] =
 		(struct opening){ middle - half, 0, middle + half, 0.9 * sizes->height };
@@ -148,7 +148,7 @@ static void add_door(struct plate *plate, const struct rack_sizes *sizes, double
 static void add_window(struct plate *plate, const struct rack_sizes *sizes, double low, double high)
 {
 	plate->openings[plate->opening_count++] =
-		(struct opening){ low, 0.4 * sizes->height, high, 0.9 * sizes->height };
+		(struct opening){ low, 0.3 * sizes->height, high, 0.9 * sizes->height };
 }
 
 /* Doors where the ways around the rows are, a window before each bay. */
@@ -161,13 +161,13 @@ static void make_corridor_wall(struct mesh *mesh, const struct rack_sizes *sizes
 	for (unsigned bay = 0; bay < RACK_ROW_BAYS; bay++) {
 		double x = rack_bay_corner(sizes, bay).x;
 
-		add_window(&plate, sizes, x + 0.2 * sizes->unit, x + 1.8 * sizes->unit);
+		add_window(&plate, sizes, x + 0.1 * sizes->unit, x + 1.9 * sizes->unit);
 	}
 	add_door(&plate, sizes, sizes->room_width - way);
 	make_wall(mesh, sizes, at(0.01 * sizes->wall, sizes->wall, 0), false, plate);
 }
 
-/* To a neighbour: a door at the end of each aisle, so that one sees from room to room; windows. */
+/* To a neighbour: a door at the end of each aisle, and windows, to see from room to room. */
 static void make_side_wall(struct mesh *mesh, const struct rack_sizes *sizes, double x,
 			   bool neighbour)
 {
@@ -176,12 +176,12 @@ static void make_side_wall(struct mesh *mesh, const struct rack_sizes *sizes, do
 
 	for (unsigned row = 0; neighbour && row <= RACK_ROWS; row++) {
 		double y = sizes->wall + row * (sizes->row_depth + sizes->aisle) - begin;
+		double depth = row < RACK_ROWS ? sizes->row_depth : sizes->depths[RACK_DECK];
 
 		add_door(&plate, sizes, y + sizes->aisle / 2);
 		y += sizes->aisle;
-		if (row < RACK_ROWS)
-			add_window(&plate, sizes, y + 0.2 * sizes->row_depth,
-				   y + 0.8 * sizes->row_depth);
+		if (depth > 0)
+			add_window(&plate, sizes, y + 0.06 * depth, y + 0.94 * depth);
 	}
 	make_wall(mesh, sizes, at(x, begin, 0), true, plate);
 }

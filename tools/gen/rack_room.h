@@ -8,7 +8,7 @@
 
 /**
  * A mesh_scene_fn.  In the room's own frame; without a roof, so that the scene shows something from
- * above.  Its groups are called as "room 3 / shelf", its materials as in rack_room_materials().
+ * above.  Its groups are called as "room 3 / shelf", its materials as rack_room_materials() says.
  *
  * arg: a struct rack_room
  */
