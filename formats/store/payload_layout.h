@@ -62,7 +62,7 @@ struct payload_run {
 	uint32_t part; /* index into the names block */
 	uint32_t section;
 	uint32_t first_triangle; /* strictly ascending; the first run's is 0 */
-	uint32_t colour;         /* of the part, 0xAABBGGRR */
+	uint32_t colour;         /* of its triangles where there is no COLOUR, 0xAABBGGRR */
 };
 
 struct payload_header {
