@@ -2,16 +2,16 @@
 /**
  * rack_place.h - which model lies where in a store of shelves.
  *
- * All sizes are multiples of one unit: the edge of the cube that 98 of 100 models fit in as they lie,
- * or more where the largest would not fit in a room.  All rooms are of one size, and are full: their
- * number follows from the models.  They stand in pairs on both sides of a corridor along x.
+ * All sizes are multiples of one unit: the edge of the cube that 98 of 100 models fit in as they
+ * lie, or more where the largest would not fit in a room.  All rooms are of one size, and are full:
+ * their number follows from the models.  They stand in pairs on both sides of a corridor along x.
  *
- * A room has rows of racks along x, back to back: shallow shelves for small models on one
- * side, deep ones on the other.  What counts as small is chosen so that both sides fill equally.
- * Models are sorted by height, so that a board carries what is about equally high and boards lie
- * as close together as that allows; from the same height on they keep their order.  Bays are dealt to
- * the rooms in turn, so that each room has models of all sizes.  What no shelf takes lies on
- * a low deck along the outer wall.
+ * A room has rows of racks along x, back to back: shallow shelves for small models on one side,
+ * deep ones on the other.  What counts as small is chosen so that both sides fill equally.  Models
+ * are sorted by height, so that a board carries what is about equally high and boards lie as close
+ * together as that allows; from the same height on they keep their order.  Bays are dealt to the
+ * rooms in turn, so that each room has models of all sizes.  What no shelf takes lies on a low deck
+ * along the outer wall.
  *
  * A pure function of sizes; no files.
  */
