@@ -23,10 +23,16 @@
 
 static char output[8192];
 
+/* Waits for the window; a program that closes it by itself may be gone before it is looked for. */
+#define FIND_WINDOW                                                                                \
+	"window=$(xdotool search --sync --onlyvisible --name '^oocview$')\n"                       \
+	"xdotool windowfocus --sync $window\n"                                                     \
+	"key='xdotool key --delay 40'\n"
+
 /*
  * Opens a window with a store and does what the script says.
  *
- * hands:  shell; $key presses keys, $window and $pid are there.
+ * hands:  shell, FIND_WINDOW first: then $key presses keys, and $window is there; $pid always is.
  *
  * Returns: the program's exit status.
  */
@@ -48,9 +54,6 @@ static int in_a_window(const char *folder, const char *arguments, const char *ha
 		      "export ASAN_OPTIONS=detect_leaks=0\n"
 		      "$OOCD_BIN/oocview --socket oocd.sock --settle %s g.ooc &\n"
 		      "pid=$!\n"
-		      "window=$(xdotool search --sync --onlyvisible --name '^oocview$')\n"
-		      "xdotool windowfocus --sync $window\n"
-		      "key='xdotool key --delay 40'\n"
 		      "%s\n"
 		      "wait $pid\n",
 		      folder, arguments, hands);
@@ -87,6 +90,7 @@ static void keys_copy_the_camera_take_pictures_and_quit(void **state)
 	char names[4][64];
 
 	assert_int_equal(in_a_window(*state, "--size 400x300",
+				     FIND_WINDOW
 				     "$key p ctrl+c 1 p ctrl+v p Home h h t m minus u l g p q"),
 			 0);
 	assert_int_equal(pictures(*state, names, 4), 4);
@@ -100,6 +104,7 @@ static void the_mouse_turns_and_picks_and_held_keys_walk(void **state)
 	char names[4][64];
 
 	assert_int_equal(in_a_window(*state, "--size 400x300 --record r.csv",
+				     FIND_WINDOW
 				     "$key p\n"
 				     "xdotool mousemove --window $window 200 150 click 1\n"
 				     "xdotool mousemove --window $window 200 150 mousedown 1 "
@@ -141,7 +146,9 @@ static void a_path_plays_to_its_end_and_its_frames_are_kept(void **state)
 
 static void a_signal_closes_the_window(void **state)
 {
-	assert_int_equal(in_a_window(*state, "--size 400x300 --stats s.csv", "kill -TERM $pid"), 0);
+	assert_int_equal(
+		in_a_window(*state, "--size 400x300 --stats s.csv", FIND_WINDOW "kill -TERM $pid"),
+		0);
 	assert_int_equal(test_command(NULL, 0, "test -s %s/s.csv", (const char *)*state), 0);
 }
 
