@@ -6,6 +6,8 @@ foreach(name test_number test_source test_polygon test_join test_ply test_obj te
 	test_inputs)
 	oocd_test(${name} unit SOURCES unit/${name}.c LINK oocd_import_kit)
 endforeach()
+oocd_test(test_texture unit
+	SOURCES unit/test_texture.c LINK oocd_import_kit PkgConfig::PNG PkgConfig::JPEG)
 oocd_test(test_assimp integration
 	SOURCES integration/test_assimp.c LINK oocd_import_kit Threads::Threads)
 oocd_test(test_assimp_frames integration
@@ -14,7 +16,7 @@ oocd_test(test_import_data integration
 	SOURCES integration/test_import_data.c LINK oocd_import_kit TIMEOUT 300)
 
 oocd_test(fault_import fault
-	SOURCES fault/fault_import.c LINK oocd_import oocd_test_helper TIMEOUT 120)
+	SOURCES fault/fault_import.c LINK oocd_import oocd_test_helper PkgConfig::PNG TIMEOUT 120)
 target_link_options(fault_import PRIVATE
 	-Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc,--wrap=strdup,--wrap=strndup
 	-Wl,--wrap=open64,--wrap=fstat64,--wrap=read,--wrap=pread64,--wrap=pwrite64)
@@ -25,3 +27,5 @@ target_link_libraries(oocd_fuzz_import PUBLIC oocd_import PkgConfig::XXHASH)
 foreach(parser ply obj stl vrml scene gzip)
 	oocd_fuzz(fuzz_${parser} LINK oocd_fuzz_import)
 endforeach()
+oocd_fuzz(fuzz_mtl LINK oocd_import)
+oocd_fuzz(fuzz_texture LINK oocd_import)

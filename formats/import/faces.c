@@ -7,8 +7,9 @@
 #include "formats/base/bytes.h"
 #include "formats/base/check.h"
 
-#define NORMAL_BYTES    12u
-#define RUN_CHUNK_BYTES 65536u
+#define NORMAL_BYTES     12u
+#define COORDINATE_BYTES 8u
+#define RUN_CHUNK_BYTES  65536u
 
 int faces_create(struct import_job *job, const struct faces_layout *layout, struct faces **ret,
 		 struct why *why)
@@ -29,6 +30,8 @@ int faces_create(struct import_job *job, const struct faces_layout *layout, stru
 	faces->vertices.record_bytes = record_bytes;
 	faces->normals.what = "normal";
 	faces->normals.record_bytes = NORMAL_BYTES;
+	faces->coordinates.what = "texture coordinate";
+	faces->coordinates.record_bytes = COORDINATE_BYTES;
 	faces->triangles_plain = record_bytes == 12;
 	r = batcher_init(&faces->batcher, layout->positions_double, job->options, job->sink,
 			 job->info, why);
@@ -48,15 +51,19 @@ struct faces *faces_destroy(struct faces *faces)
 	polygon_done(&faces->polygon);
 	free(faces->vertices.records);
 	free(faces->normals.records);
+	free(faces->coordinates.records);
 	join_destroy(faces->vertices.join);
 	join_destroy(faces->normals.join);
+	join_destroy(faces->coordinates.join);
 	spill_destroy(faces->noted);
 	free(faces->joined);
-	free(faces->part_colours);
+	free(faces->parts);
 	free(faces->face_vertices);
 	free(faces->face_normals);
+	free(faces->face_coordinates);
 	free(faces->corners);
 	free(faces->corner_normals);
+	free(faces->corner_coordinates);
 	free(faces);
 	return NULL;
 }
@@ -69,8 +76,8 @@ static uint64_t table_bytes(const struct faces_table *table)
 /* Makes room for capacity records.  -ENOMEM when that is more than there may be. */
 static int table_reserve(struct faces *faces, struct faces_table *table, uint64_t capacity)
 {
-	uint64_t others_bytes =
-		table_bytes(&faces->vertices) + table_bytes(&faces->normals) - table_bytes(table);
+	uint64_t others_bytes = table_bytes(&faces->vertices) + table_bytes(&faces->normals) +
+				table_bytes(&faces->coordinates) - table_bytes(table);
 	uint64_t size_bytes;
 	uint8_t *records;
 
@@ -105,6 +112,7 @@ int faces_defer(struct faces *faces, struct why *why)
 {
 	uint64_t memory_bytes = faces->job->memory_bytes;
 	uint64_t normal_bytes = faces->layout.normal_table ? memory_bytes / 3 : 0;
+	uint64_t coordinate_bytes = faces->layout.texture_table ? memory_bytes / 5 : 0;
 	int r;
 
 	CHECK(!faces->deferred);
@@ -114,9 +122,12 @@ int faces_defer(struct faces *faces, struct why *why)
 	faces->deferred = true;
 	r = spill_create(&faces->job->scratch, 1, RUN_CHUNK_BYTES, &faces->noted, why);
 	if (r == 0)
-		r = table_defer(faces, &faces->vertices, memory_bytes - normal_bytes, why);
+		r = table_defer(faces, &faces->vertices,
+				memory_bytes - normal_bytes - coordinate_bytes, why);
 	if (r == 0 && faces->layout.normal_table)
 		r = table_defer(faces, &faces->normals, normal_bytes, why);
+	if (r == 0 && faces->layout.texture_table)
+		r = table_defer(faces, &faces->coordinates, coordinate_bytes, why);
 	return r;
 }
 
@@ -127,8 +138,8 @@ int faces_expect_vertices(struct faces *faces, uint64_t count, struct why *why)
 	return 0;
 }
 
-int faces_part(struct faces *faces, const struct import_part *part, uint32_t *ret_number,
-	       struct why *why)
+int faces_part(struct faces *faces, const struct import_part *part, const struct texture_map *map,
+	       uint32_t *ret_number, struct why *why)
 {
 	uint32_t number;
 	int r = batcher_part(&faces->batcher, part, &number, why);
@@ -137,14 +148,17 @@ int faces_part(struct faces *faces, const struct import_part *part, uint32_t *re
 		return r;
 	if (number >= faces->part_capacity) {
 		uint32_t capacity = faces->part_capacity ? 2 * faces->part_capacity : 16;
-		uint32_t *colours = realloc(faces->part_colours, capacity * sizeof(*colours));
+		struct faces_part *parts = realloc(faces->parts, capacity * sizeof(*parts));
 
-		if (!colours)
+		if (!parts)
 			return why_set(why, -ENOMEM, "no memory for %u parts", capacity);
-		faces->part_colours = colours;
+		faces->parts = parts;
 		faces->part_capacity = capacity;
 	}
-	faces->part_colours[number] = part->colour;
+	faces->parts[number] =
+		(struct faces_part){ .colour = part->colour, .map = { .texture = TEXTURE_NONE } };
+	if (map)
+		faces->parts[number].map = *map;
 	*ret_number = number;
 	return 0;
 }
@@ -188,6 +202,11 @@ int faces_add_normal(struct faces *faces, const float normal[3], struct why *why
 	return table_add(faces, &faces->normals, normal, 1, why);
 }
 
+int faces_add_coordinate(struct faces *faces, const float coordinate[2], struct why *why)
+{
+	return table_add(faces, &faces->coordinates, coordinate, 1, why);
+}
+
 /* Copies what corner number `corner` of the polygon has to a corner of the batch. */
 static void faces_put_corner(struct faces *faces, const struct batch_kind *kind, uint32_t corner,
 			     size_t to)
@@ -210,24 +229,48 @@ static void faces_put_corner(struct faces *faces, const struct batch_kind *kind,
 		uint32_t colour;
 
 		memcpy(&colour, record + faces->colour_offset, sizeof(colour));
-		batcher->colours[to] = colour ? colour : faces->part_colours[kind->part];
+		batcher->colours[to] = colour ? colour : faces->parts[kind->part].colour;
 	}
 }
 
+/* Gives the triangle that begins at corner `to` of the batch the colours of its part's image. */
+static void faces_put_texture(struct faces *faces, const struct faces_part *part,
+			      const uint32_t corners[3], size_t to)
+{
+	uint32_t *colours = faces->batcher.colours + to;
+	float coordinates[3][2];
+
+	for (int k = 0; k < 3; k++)
+		memcpy(coordinates[k], faces->corner_coordinates[corners[k]], COORDINATE_BYTES);
+	textures_triangle(faces->textures, &part->map, coordinates, colours);
+	/* How far it is seen through is the material's. */
+	for (int k = 0; k < 3; k++)
+		colours[k] =
+			(colours[k] & UINT32_C(0x00ffffff)) | (part->colour & UINT32_C(0xff000000));
+}
+
 /* Hands on the polygon whose corners stand in faces->corners. */
-static int faces_emit(struct faces *faces, uint32_t part, uint32_t corner_count, bool normals,
-		      struct why *why)
+static int faces_emit(struct faces *faces, const struct face *face, struct why *why)
 {
 	static const uint32_t whole[3] = { 0, 1, 2 };
+	const struct faces_part *part = &faces->parts[face->part];
 	struct batch_kind kind = {
-		.part = part,
-		.normals = normals || faces->layout.normals,
-		.colours = faces->colours_present,
+		.part = face->part,
+		.normals = face->normals || faces->layout.normals,
+		.colours = face->textured || faces->colours_present,
 	};
 	const uint32_t *cut = whole;
+	int r;
 
-	if (corner_count > 3) {
-		for (uint32_t i = 0; i < corner_count; i++) {
+	if (face->textured) {
+		r = textures_need(faces->textures, part->map.texture, why);
+		if (r < 0)
+			return r;
+		/* Who gave the part its image has looked at it. */
+		CHECK(r > 0);
+	}
+	if (face->corner_count > 3) {
+		for (uint32_t i = 0; i < face->corner_count; i++) {
 			double *position = faces->polygon.positions + 3 * (size_t)i;
 			float single[3];
 
@@ -239,16 +282,18 @@ static int faces_emit(struct faces *faces, uint32_t part, uint32_t corner_count,
 			for (int k = 0; k < 3; k++)
 				position[k] = single[k];
 		}
-		cut = polygon_cut(&faces->polygon, corner_count);
+		cut = polygon_cut(&faces->polygon, face->corner_count);
 	}
-	for (uint32_t i = 0; i < corner_count - 2; i++, cut += 3) {
+	for (uint32_t i = 0; i < face->corner_count - 2; i++, cut += 3) {
 		uint32_t index;
-		int r = batcher_next(&faces->batcher, &kind, &index, why);
 
+		r = batcher_next(&faces->batcher, &kind, &index, why);
 		if (r < 0)
 			return r;
 		for (uint32_t k = 0; k < 3; k++)
 			faces_put_corner(faces, &kind, cut[k], 3 * (size_t)index + k);
+		if (face->textured)
+			faces_put_texture(faces, part, cut, 3 * (size_t)index);
 	}
 	return 0;
 }
@@ -267,7 +312,8 @@ static int grow_array(void *array, size_t count, size_t item_bytes)
 
 int faces_reserve(struct faces *faces, uint64_t corner_count, struct why *why)
 {
-	size_t joined_bytes = faces->vertices.record_bytes + faces->normals.record_bytes;
+	size_t joined_bytes = faces->vertices.record_bytes + faces->normals.record_bytes +
+			      faces->coordinates.record_bytes;
 	uint32_t corner_max = faces->corner_max ? faces->corner_max : 64;
 
 	if (corner_count <= faces->corner_max)
@@ -279,8 +325,12 @@ int faces_reserve(struct faces *faces, uint64_t corner_count, struct why *why)
 		corner_max *= 2;
 	if (grow_array(&faces->face_vertices, corner_max, sizeof(*faces->face_vertices)) < 0 ||
 	    grow_array(&faces->face_normals, corner_max, sizeof(*faces->face_normals)) < 0 ||
+	    grow_array(&faces->face_coordinates, corner_max, sizeof(*faces->face_coordinates)) <
+		    0 ||
 	    grow_array(&faces->corners, corner_max, sizeof(*faces->corners)) < 0 ||
 	    grow_array(&faces->corner_normals, corner_max, sizeof(*faces->corner_normals)) < 0 ||
+	    grow_array(&faces->corner_coordinates, corner_max, sizeof(*faces->corner_coordinates)) <
+		    0 ||
 	    grow_array(&faces->joined, corner_max, joined_bytes) < 0 ||
 	    polygon_reserve(&faces->polygon, corner_max) < 0)
 		return why_set(why, -ENOMEM, "no memory for a face of %u corners", corner_max);
@@ -295,7 +345,8 @@ struct face_run {
 	uint64_t length;
 	uint32_t part;
 	uint32_t corner_count;
-	uint64_t normals; /* 1: they have them */
+	uint32_t normals; /* 1: they have them */
+	uint32_t textured;
 };
 
 static int write_run(struct faces *faces, struct why *why)
@@ -305,6 +356,7 @@ static int write_run(struct faces *faces, struct why *why)
 		.part = faces->run_part,
 		.corner_count = faces->run_corner_count,
 		.normals = faces->run_normals,
+		.textured = faces->run_textured,
 	};
 
 	faces->run_length = 0;
@@ -316,16 +368,19 @@ static int note_face(struct faces *faces, const struct face *face, struct why *w
 	int r = 0;
 
 	if (faces->run_part != face->part || faces->run_corner_count != face->corner_count ||
-	    faces->run_normals != face->normals)
+	    faces->run_normals != face->normals || faces->run_textured != face->textured)
 		r = write_run(faces, why);
 	faces->run_part = face->part;
 	faces->run_corner_count = face->corner_count;
 	faces->run_normals = face->normals;
+	faces->run_textured = face->textured;
 	faces->run_length++;
 	for (uint32_t i = 0; i < face->corner_count && r == 0; i++) {
 		r = join_refer(faces->vertices.join, faces->face_vertices[i], why);
 		if (r == 0 && face->normals)
 			r = join_refer(faces->normals.join, faces->face_normals[i], why);
+		if (r == 0 && face->textured)
+			r = join_refer(faces->coordinates.join, faces->face_coordinates[i], why);
 	}
 	return r;
 }
@@ -335,20 +390,31 @@ static int emit_noted(struct faces *faces, const struct face_run *run, struct wh
 {
 	uint32_t vertex_bytes = faces->vertices.record_bytes;
 	uint8_t *normals = faces->joined + (size_t)faces->corner_max * vertex_bytes;
+	uint8_t *coordinates = normals + (size_t)faces->corner_max * NORMAL_BYTES;
+	const struct face face = {
+		.part = run->part,
+		.corner_count = run->corner_count,
+		.normals = run->normals != 0,
+		.textured = run->textured != 0,
+	};
 
 	for (uint32_t i = 0; i < run->corner_count; i++) {
 		uint8_t *vertex = faces->joined + (size_t)i * vertex_bytes;
 		uint8_t *normal = normals + (size_t)i * NORMAL_BYTES;
+		uint8_t *coordinate = coordinates + (size_t)i * COORDINATE_BYTES;
 		int r = join_next(faces->vertices.join, vertex, why);
 
 		if (r == 0 && run->normals)
 			r = join_next(faces->normals.join, normal, why);
+		if (r == 0 && run->textured)
+			r = join_next(faces->coordinates.join, coordinate, why);
 		if (r < 0)
 			return r;
 		faces->corners[i] = vertex;
 		faces->corner_normals[i] = normal;
+		faces->corner_coordinates[i] = coordinate;
 	}
-	return faces_emit(faces, run->part, run->corner_count, run->normals, why);
+	return faces_emit(faces, &face, why);
 }
 
 static int table_resolve(struct faces_table *table, struct why *why)
@@ -371,6 +437,8 @@ static int emit_all_noted(struct faces *faces, struct why *why)
 		r = table_resolve(&faces->vertices, why);
 	if (r == 0)
 		r = table_resolve(&faces->normals, why);
+	if (r == 0)
+		r = table_resolve(&faces->coordinates, why);
 	if (r < 0)
 		return r;
 	while ((r = spill_read(faces->noted, 0, &run, sizeof(run), why)) > 0) {
@@ -396,25 +464,30 @@ static int table_find(const struct faces_table *table, uint64_t number, const ui
 	return 0;
 }
 
-int faces_add_face(struct faces *faces, const struct face *face, struct why *why)
+int faces_add_face(struct faces *faces, const struct face *given, struct why *why)
 {
+	struct face face = *given;
 	int r = 0;
 
-	CHECK(face->corner_count <= faces->corner_max);
+	CHECK(face.corner_count <= faces->corner_max);
 	faces->job->info->face_count++;
-	if (face->corner_count < 3) {
+	if (face.corner_count < 3) {
 		faces->job->info->dropped_faces++;
 		return 0;
 	}
+	face.textured = face.textured && faces->parts[face.part].map.texture != TEXTURE_NONE;
 	if (faces->deferred)
-		return note_face(faces, face, why);
-	for (uint32_t i = 0; i < face->corner_count && r == 0; i++) {
+		return note_face(faces, &face, why);
+	for (uint32_t i = 0; i < face.corner_count && r == 0; i++) {
 		r = table_find(&faces->vertices, faces->face_vertices[i], &faces->corners[i], why);
-		if (r == 0 && face->normals)
+		if (r == 0 && face.normals)
 			r = table_find(&faces->normals, faces->face_normals[i],
 				       &faces->corner_normals[i], why);
+		if (r == 0 && face.textured)
+			r = table_find(&faces->coordinates, faces->face_coordinates[i],
+				       &faces->corner_coordinates[i], why);
 	}
-	return r < 0 ? r : faces_emit(faces, face->part, face->corner_count, face->normals, why);
+	return r < 0 ? r : faces_emit(faces, &face, why);
 }
 
 int faces_finish(struct faces *faces, struct why *why)

@@ -3,7 +3,8 @@
  * faces.h - faces that point at vertices, made into triangles that have their corners with them.
  *
  * Vertices are records of one layout; normals may have a table of their own (OBJ) or be in the
- * vertex record (PLY).  While they fit in memory, a face is handed on when it is added.  When they
+ * vertex record (PLY).  Texture coordinates have their own table; a face that has them, of a part
+ * with an image, gets its corners' colours from there.  While they fit in memory, a face is handed on when it is added.  When they
  * no longer fit, they are deferred: vertices and the faces' corners go to disk, and the faces
  * that were not handed on yet follow at the end, the same and in the same order, through join.h.
  *
@@ -17,6 +18,7 @@
 #include "formats/import/job.h"
 #include "formats/import/join.h"
 #include "formats/import/polygon.h"
+#include "formats/import/texture.h"
 
 #define FACES_NONE UINT64_MAX
 
@@ -26,6 +28,7 @@ struct faces_layout {
 	bool normals;      /* in the vertex record */
 	bool colours;      /* in the vertex record */
 	bool normal_table; /* normals apart */
+	bool texture_table;
 };
 
 /** Records of one size that faces point at by number. */
@@ -38,13 +41,21 @@ struct faces_table {
 	uint32_t record_bytes;
 };
 
+/** What a part's triangles look like. */
+struct faces_part {
+	uint32_t colour;
+	struct texture_map map;
+};
+
 struct faces {
 	struct import_job *job;
+	struct textures *textures; /* the user's; NULL: no part has an image */
 	struct batcher batcher;
 	struct faces_layout layout;
 	struct faces_table vertices;
 	struct faces_table normals;
-	uint32_t normal_offset; /* in a vertex record */
+	struct faces_table coordinates; /* of textures: 2 floats */
+	uint32_t normal_offset;         /* in a vertex record */
 	uint32_t colour_offset;
 	bool triangles_plain; /* records are 3 floats: nothing to do but to copy them */
 	bool colours_present; /* a vertex has one; the user's to set */
@@ -54,23 +65,27 @@ struct faces {
 	uint32_t run_part;
 	uint32_t run_corner_count;
 	bool run_normals;
-	uint32_t *part_colours;
+	bool run_textured;
+	struct faces_part *parts;
 	uint32_t part_capacity;
 	/* The face at hand.  Room for corner_max corners. */
 	uint32_t corner_max;
 	uint64_t *face_vertices; /* the user's, after faces_reserve() */
 	uint64_t *face_normals;
+	uint64_t *face_coordinates;
 	struct polygon polygon;
 	const uint8_t **corners; /* its vertices' records */
 	const uint8_t **corner_normals;
+	const uint8_t **corner_coordinates;
 	uint8_t *joined; /* room for these records, where they come from disk */
 };
 
-/** One face; the numbers of its corners stand in faces->face_vertices and face_normals. */
+/** One face; the numbers of its corners stand in faces->face_vertices and the other two. */
 struct face {
 	uint32_t part;
 	uint32_t corner_count;
-	bool normals; /* it has them */
+	bool normals;  /* it has them */
+	bool textured; /* it has texture coordinates; they count where its part has an image */
 };
 
 /** How many there are so far. */
@@ -82,6 +97,11 @@ static inline uint64_t faces_vertex_count(const struct faces *faces)
 static inline uint64_t faces_normal_count(const struct faces *faces)
 {
 	return faces->normals.count;
+}
+
+static inline uint64_t faces_coordinate_count(const struct faces *faces)
+{
+	return faces->coordinates.count;
 }
 
 /** Returns: 0 or -ENOMEM.  Ownership: ends with faces_destroy(). */
@@ -99,13 +119,14 @@ int faces_expect_vertices(struct faces *faces, uint64_t count, struct why *why);
 /** Defers everything: vertices may then come behind the faces that use them.  Returns: as above. */
 int faces_defer(struct faces *faces, struct why *why);
 
-/** As batcher_part(). */
-int faces_part(struct faces *faces, const struct import_part *part, uint32_t *ret_number,
-	       struct why *why);
+/** As batcher_part().  map: may be NULL. */
+int faces_part(struct faces *faces, const struct import_part *part, const struct texture_map *map,
+	       uint32_t *ret_number, struct why *why);
 
 /** Adds records behind those that are there.  Returns: as faces_expect_vertices(). */
 int faces_add_vertices(struct faces *faces, const void *records, uint64_t count, struct why *why);
 int faces_add_normal(struct faces *faces, const float normal[3], struct why *why);
+int faces_add_coordinate(struct faces *faces, const float coordinate[2], struct why *why);
 
 /**
  * Makes room for the numbers of a face's corners; what was written there before stays.
@@ -117,7 +138,8 @@ int faces_reserve(struct faces *faces, uint64_t corner_count, struct why *why);
 /**
  * Adds a face; fewer than three corners are counted as dropped.
  *
- * Returns: 0, -EUCLEAN when it points outside of the tables, -ENOMEM, or what the sink returned.
+ * Returns: 0, -EUCLEAN when it points outside of the tables, -ENOMEM, -EIO when an image has changed,
+ * or what the sink returned.
  */
 int faces_add_face(struct faces *faces, const struct face *face, struct why *why);
 

@@ -58,7 +58,8 @@ struct import_sink {
 
 /** Which colour counts where a file has several.  Each falls back on the next. */
 enum import_colour {
-	IMPORT_COLOUR_TEXTURE, /* texture, vertex, material, part's grey: the default */
+	IMPORT_COLOUR_TEXTURE, /* texture, vertex, material, part's grey: the default.  An image
+				* is sampled at the corners, over the triangle's extent. */
 	IMPORT_COLOUR_VERTEX,
 	IMPORT_COLOUR_MATERIAL,
 	IMPORT_COLOUR_NONE, /* grey */
@@ -82,6 +83,7 @@ struct import_info {
 	uint64_t dropped_faces; /* fewer than three corners */
 	uint64_t scratch_bytes_max;
 	bool missing_material_file;
+	uint32_t missing_texture_count; /* images that are used and cannot be read */
 };
 
 /** Do we read files of this name?  Looks at the name alone, also behind .gz. */

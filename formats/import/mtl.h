@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /**
- * mtl.h - the material libraries of OBJ files: names and diffuse colours.
+ * mtl.h - the material libraries of OBJ files: names, diffuse colours and their images.
  *
  * Threads: one a struct mtl.
  */
@@ -8,14 +8,21 @@
 #define FORMATS_IMPORT_MTL_H
 
 #include "formats/import/names.h"
+#include "formats/import/texture.h"
+
+struct mtl_material {
+	uint32_t colour; /* 0xAABBGGRR */
+	struct texture_map map;
+};
 
 struct mtl {
+	struct textures *textures; /* NULL: images do not count */
 	struct names names;
-	uint32_t *colours; /* by number; 0xAABBGGRR */
+	struct mtl_material *materials; /* by number */
 	uint32_t capacity;
 };
 
-void mtl_init(struct mtl *mtl, uint64_t bytes_max);
+void mtl_init(struct mtl *mtl, struct textures *textures, uint64_t bytes_max);
 void mtl_done(struct mtl *mtl);
 
 /**
@@ -25,7 +32,7 @@ void mtl_done(struct mtl *mtl);
  */
 int mtl_read(struct mtl *mtl, const char *path, struct why *why);
 
-/** The colour of a material; grey for one that no library had. */
-uint32_t mtl_colour(const struct mtl *mtl, const char *name);
+/** A material; grey for one that no library had. */
+struct mtl_material mtl_material(const struct mtl *mtl, const char *name);
 
 #endif /* FORMATS_IMPORT_MTL_H */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * Wavefront OBJ: polygons, their normals, groups and materials; texture coordinates, lines, points
+ * Wavefront OBJ: polygons, their normals, texture coordinates, groups and materials; lines, points
  * and curves are passed over.  Source: Alias|Wavefront, "Advanced Visualizer Manual", appendix B1,
  * 1995.  Coordinates are read as doubles: the format does not say, and surveys need it.
  */
@@ -23,6 +23,7 @@ struct obj {
 	struct import_job *job;
 	struct source *source;
 	struct faces *faces;
+	struct textures textures;
 	struct mtl mtl;
 	bool has_vertices;
 
@@ -105,6 +106,22 @@ static int take_normal(struct obj *obj, const char *at, struct why *why)
 	return faces_add_normal(obj->faces, normal, why);
 }
 
+/* "vt u", "vt u v" or "vt u v w". */
+static int take_coordinate(struct obj *obj, const char *at, struct why *why)
+{
+	float coordinate[2] = { 0 };
+
+	for (int k = 0; k < 2; k++) {
+		at = skip_gaps(at);
+		if (k > 0 && (*at == '\n' || *at == '\0'))
+			break;
+		at = number_to_float(at, &coordinate[k]);
+		if (!at)
+			return line_fault(obj, why, "numbers are wanted behind \"vt\"");
+	}
+	return faces_add_coordinate(obj->faces, coordinate, why);
+}
+
 /* ---- names, parts, materials ---- */
 
 static void take_name(char *to, const char *from, size_t length)
@@ -121,6 +138,20 @@ static void take_name(char *to, const char *from, size_t length)
 	to[length] = '\0';
 }
 
+/* The material's colour and image for a new part; an image that cannot be read is left out. */
+static int find_material(struct obj *obj, struct mtl_material *ret, struct why *why)
+{
+	int r;
+
+	*ret = mtl_material(&obj->mtl, obj->material);
+	if (ret->map.texture == TEXTURE_NONE)
+		return 0;
+	r = textures_need(&obj->textures, ret->map.texture, why);
+	if (r == 0)
+		ret->map.texture = TEXTURE_NONE;
+	return r < 0 ? r : 0;
+}
+
 /* Makes obj->part that of the names in force.  Names that come back find their part again. */
 static int find_part(struct obj *obj, struct why *why)
 {
@@ -129,8 +160,8 @@ static int find_part(struct obj *obj, struct why *why)
 		.name = obj->group[0] ? obj->group : obj->object,
 		.scene_path = scene_path,
 		.material = obj->material,
-		.colour = mtl_colour(&obj->mtl, obj->material),
 	};
+	struct mtl_material material;
 	uint32_t number;
 	int r;
 
@@ -141,7 +172,11 @@ static int find_part(struct obj *obj, struct why *why)
 	if (number == UINT32_MAX) {
 		r = names_add(&obj->part_names, key, &number, why);
 		if (r == 0)
-			r = faces_part(obj->faces, &part, &number, why);
+			r = find_material(obj, &material, why);
+		if (r < 0)
+			return r;
+		part.colour = material.colour;
+		r = faces_part(obj->faces, &part, &material.map, &number, why);
 		if (r < 0)
 			return r;
 	}
@@ -212,17 +247,15 @@ static inline uint64_t resolve(int64_t index, uint64_t count)
 	return index < 0 && (uint64_t)-index <= count ? count - (uint64_t)-index : FACES_NONE;
 }
 
-/* "v", "v/t", "v//n" or "v/t/n".  *normal stays 0 when there is none. */
-static const char *take_corner(const char *at, int64_t *vertex, int64_t *normal)
+/* "v", "v/t", "v//n" or "v/t/n".  What is not there stays 0. */
+static const char *take_corner(const char *at, int64_t *vertex, int64_t *texture, int64_t *normal)
 {
-	int64_t texture;
-
 	at = number_to_i64(at, vertex);
 	if (!at || *at != '/')
 		return at;
 	at++;
 	if (*at != '/') {
-		const char *end = number_to_i64(at, &texture);
+		const char *end = number_to_i64(at, texture);
 
 		/* "1/" is written by some for "1". */
 		at = end ? end : at;
@@ -237,13 +270,15 @@ static int take_face(struct obj *obj, const char *at, struct why *why)
 {
 	uint64_t vertex_count = faces_vertex_count(obj->faces);
 	uint64_t normal_count = faces_normal_count(obj->faces);
-	struct face face = { .normals = true };
+	uint64_t coordinate_count = faces_coordinate_count(obj->faces);
+	struct face face = { .normals = true, .textured = true };
 	int r;
 
 	for (at = skip_gaps(at); *at != '\n' && *at != '\0'; at = skip_gaps(at)) {
-		int64_t vertex = 0, normal = 0;
+		int64_t vertex = 0, texture = 0, normal = 0;
+		uint64_t coordinate;
 
-		at = take_corner(at, &vertex, &normal);
+		at = take_corner(at, &vertex, &texture, &normal);
 		if (!at || (!is_gap(*at) && *at != '\n' && *at != '\0'))
 			return line_fault(obj, why, "a corner of a face is wanted, such as 1/2/3");
 		r = faces_reserve(obj->faces, face.corner_count + UINT64_C(1), why);
@@ -254,6 +289,10 @@ static int take_face(struct obj *obj, const char *at, struct why *why)
 		face.normals &= normal != 0;
 		obj->faces->face_vertices[face.corner_count] = resolve(vertex, vertex_count);
 		obj->faces->face_normals[face.corner_count] = resolve(normal, normal_count);
+		/* Without an image they were never of use: a wrong one only means that. */
+		coordinate = resolve(texture, coordinate_count);
+		face.textured &= texture != 0 && coordinate < coordinate_count;
+		obj->faces->face_coordinates[face.corner_count] = coordinate;
 		face.corner_count++;
 	}
 	if (obj->part_stale) {
@@ -313,6 +352,8 @@ static int take_line(struct obj *obj, const char *line, size_t length, struct wh
 			return take_vertex(obj, line + 2, why);
 		if (line[1] == 'n' && is_gap(line[2]))
 			return take_normal(obj, line + 3, why);
+		if (line[1] == 't' && is_gap(line[2]) && obj->faces->layout.texture_table)
+			return take_coordinate(obj, line + 3, why);
 		return 0;
 	}
 	if (*line == 'f' && (is_gap(line[1]) || line + 1 == end))
@@ -390,18 +431,26 @@ static int take_lines(struct obj *obj, struct why *why)
 
 static int obj_prepare(struct obj *obj, struct why *why)
 {
+	bool textured = obj->job->options->colour == IMPORT_COLOUR_TEXTURE;
+	uint64_t memory_bytes = obj->job->memory_bytes;
 	const struct faces_layout layout = {
 		.positions_double = true,
 		.colours = obj->job->options->colour <= IMPORT_COLOUR_VERTEX,
 		.normal_table = true,
+		.texture_table = textured,
 	};
+	int r;
 
-	/* A quarter of the memory for names; the vertices have the rest. */
-	mtl_init(&obj->mtl, obj->job->memory_bytes / 8);
-	names_init(&obj->part_names, obj->job->memory_bytes / 8);
-	obj->job->memory_bytes -= obj->job->memory_bytes / 4;
+	/* A quarter of the memory for names, one for images; the vertices have the rest. */
+	textures_init(&obj->textures, memory_bytes / 4);
+	mtl_init(&obj->mtl, textured ? &obj->textures : NULL, memory_bytes / 8);
+	names_init(&obj->part_names, memory_bytes / 8);
+	obj->job->memory_bytes -= memory_bytes / 4 * (textured ? 2 : 1);
 	obj->part_stale = true;
-	return faces_create(obj->job, &layout, &obj->faces, why);
+	r = faces_create(obj->job, &layout, &obj->faces, why);
+	if (r == 0)
+		obj->faces->textures = &obj->textures;
+	return r;
 }
 
 int obj_import(struct import_job *job, struct why *why)
@@ -420,7 +469,9 @@ int obj_import(struct import_job *job, struct why *why)
 		r = why_set(why, -EUCLEAN, "it is no OBJ file: it has no vertices");
 	if (r == 0)
 		r = faces_finish(obj->faces, why);
+	job->info->missing_texture_count = obj->textures.unreadable_count;
 	faces_destroy(obj->faces);
+	textures_done(&obj->textures);
 	mtl_done(&obj->mtl);
 	names_done(&obj->part_names);
 	free(obj->joined);

@@ -566,7 +566,7 @@ static int ply_prepare(struct ply *ply, struct why *why)
 	if (r == 0)
 		r = faces_expect_vertices(ply->faces, vertices->count, why);
 	if (r == 0)
-		r = faces_part(ply->faces, &part, &ply->part, why);
+		r = faces_part(ply->faces, &part, NULL, &ply->part, why);
 	return r;
 }
 

@@ -18,6 +18,7 @@
 #include <sys/types.h>
 
 #include <cmocka.h>
+#include <png.h>
 
 #include "formats/base/bytes.h"
 #include "formats/import/import.h"
@@ -81,6 +82,10 @@ ssize_t __wrap_read(int fd, void *data, size_t size)
 
 #define FILLER "v 0 0 0\nv 0 0 0\nv 0 0 0\nv 0 0 0\nv 0 0 0\nv 0 0 0\nv 0 0 0\nv 0 0 0\n"
 
+#define STL_TEXT                                                                                   \
+	"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"      \
+	"endloop\nendfacet\nendsolid\n"
+
 static const struct model {
 	const char *name;
 	const char *text;
@@ -106,10 +111,11 @@ static const struct model {
 	  FILLER FILLER FILLER FILLER
 	  "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nf -1 -2 -3 -4\nf -1//1 -2//1 -3//1\n",
 	  1600, 3 },
-	{ "a.stl",
-	  "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
-	  "endloop\nendfacet\nendsolid\n",
-	  64 * MIB, 1 },
+	{ "image.obj",
+	  "mtllib image.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\n"
+	  "f 1/1 2/2 3/1 4/2\nf 1 2 3\n",
+	  64 * MIB, 3 },
+	{ "a.stl", STL_TEXT, 64 * MIB, 1 },
 	{ "a.wrl",
 	  "#VRML V2.0 utf8\nDEF A Transform { translation 1 0 0 children DEF S Shape {\n"
 	  "appearance Appearance { material DEF M Material { } }\n"
@@ -150,9 +156,23 @@ static int run(const char *path, const char *scratch, const struct model *model,
 	return import_file(path, &options, &sink, &info, why);
 }
 
+static void write_image_library(const char *folder)
+{
+	static const char library[] = "newmtl m\nmap_Kd none\\image.png\n";
+	static const uint8_t rgb[] = { 255, 0, 0, 0, 255, 0, 0, 0, 255, 255, 255, 255 };
+	png_image image = {
+		.version = PNG_IMAGE_VERSION, .width = 2, .height = 2, .format = PNG_FORMAT_RGB
+	};
+
+	test_file_write(test_path(folder, "image.mtl"), library, sizeof(library) - 1);
+	assert_true(
+		png_image_write_to_file(&image, test_path(folder, "image.png"), 0, rgb, 0, NULL));
+}
+
 static void any_call_that_fails_ends_an_import_cleanly(void **state)
 {
 	test_file_write(test_path(*state, "a.mtl"), "newmtl m\nKd 1 0 0\n", 18);
+	write_image_library(*state);
 	for (size_t i = 0; i < ARRAY_LENGTH(models); i++) {
 		const char *path = test_path(*state, models[i].name);
 		uint64_t triangle_count;
@@ -189,7 +209,7 @@ static void any_call_that_fails_ends_an_expansion_cleanly(void **state)
 	struct why why;
 	int r;
 
-	test_file_write(test_path(*state, "a.stl"), models[4].text, strlen(models[4].text));
+	test_file_write(test_path(*state, "a.stl"), STL_TEXT, strlen(STL_TEXT));
 	test_file_write(arguments[1], list, strlen(list));
 	do {
 		fault_countdown = ++nth;
@@ -205,6 +225,7 @@ static void any_call_that_fails_ends_an_expansion_cleanly(void **state)
 
 static void short_and_interrupted_reads_change_nothing(void **state)
 {
+	write_image_library(*state);
 	short_reads = true;
 	for (size_t i = 0; i < ARRAY_LENGTH(models); i++) {
 		const char *path = test_path(*state, models[i].name);

@@ -94,6 +94,7 @@ static size_t import_folder(const char *folder, struct import_info *sum)
 		sum->face_count += info.face_count;
 		sum->dropped_faces += info.dropped_faces;
 		sum->missing_material_file |= info.missing_material_file;
+		sum->missing_texture_count += info.missing_texture_count;
 	}
 	count = inputs.input_count;
 	import_inputs_done(&inputs);
@@ -165,6 +166,7 @@ static void the_furniture_has_its_known_counts(void **state)
 	assert_int_equal(info.triangle_count, 9890919);
 	assert_int_equal(info.dropped_faces, 2244);
 	assert_true(info.missing_material_file);
+	assert_int_equal(info.missing_texture_count, 26);
 }
 
 int main(void)
