@@ -2,6 +2,7 @@
 #include "formats/store/payload.h"
 
 #include <errno.h>
+#include <float.h>
 #include <math.h>
 #include <stdbool.h>
 #include <string.h>
@@ -11,6 +12,8 @@
 
 /** A payload ends at a multiple of it, so that the last element can be read as a whole vector. */
 #define PAYLOAD_END_ALIGN_BYTES 16u
+/** Vertices judged with one branch, so that the compiler takes several at a time. */
+#define JUDGED_AT_ONCE 64u
 /** A run's number has 16 bits in the small position format. */
 #define PAYLOAD_U16_RUN_MAX          65536u
 #define PAYLOAD_U16_INDEX_VERTEX_MAX 65536u
@@ -330,15 +333,56 @@ uint32_t payload_vertex_run(const struct payload_view *view, uint32_t vertex)
 static int judge_positions(const struct payload_view *view, struct why *why)
 {
 	const struct position_f32 *positions = view->positions;
+	uint32_t vertex_count = view->header->vertex_count;
 
 	if (view->position_format != PAYLOAD_F32X3_RUN)
 		return 0;
-	for (uint32_t i = 0; i < view->header->vertex_count; i++)
-		for (unsigned axis = 0; axis < 3; axis++)
-			if (!isfinite(positions[i].xyz[axis]))
-				return why_set(why, -EUCLEAN, "payload: vertex %u is not finite",
-					       i);
+	for (uint32_t begin = 0; begin < vertex_count; begin += JUDGED_AT_ONCE) {
+		uint32_t end = (uint32_t)u64_min((uint64_t)begin + JUDGED_AT_ONCE, vertex_count);
+		bool finite = true;
+
+		for (uint32_t i = begin; i < end; i++)
+			for (unsigned axis = 0; axis < 3; axis++)
+				finite &= fabsf(positions[i].xyz[axis]) <= FLT_MAX;
+		if (!finite)
+			return why_set(why, -EUCLEAN,
+				       "payload: a vertex from %u to %u is not finite", begin,
+				       end - 1);
+	}
 	return 0;
+}
+
+/* The first vertex from `vertex` on that is not of this run. */
+static uint32_t vertices_end(const struct payload_view *view, uint32_t vertex, uint32_t run)
+{
+	uint32_t vertex_count = view->header->vertex_count;
+
+	if (view->position_format == PAYLOAD_U16X3_RUN) {
+		const struct position_u16 *positions = view->positions;
+
+		while (vertex_count - vertex >= JUDGED_AT_ONCE) {
+			uint64_t differ = 0;
+
+			for (uint32_t i = 0; i < JUDGED_AT_ONCE; i++) {
+				uint64_t word;
+
+				/* The run is the upper quarter. */
+				memcpy(&word, &positions[vertex + i], sizeof(word));
+				differ |= (word >> 48) ^ run;
+			}
+			if (differ != 0)
+				break;
+			vertex += JUDGED_AT_ONCE;
+		}
+		while (vertex < vertex_count && positions[vertex].run == run)
+			vertex++;
+	} else {
+		const struct position_f32 *positions = view->positions;
+
+		while (vertex < vertex_count && positions[vertex].run == run)
+			vertex++;
+	}
+	return vertex;
 }
 
 /* The least and the largest index of triangles [first, end). */
@@ -390,8 +434,7 @@ static int judge_indices(const struct payload_view *view, struct why *why)
 		uint32_t least;
 		uint32_t largest;
 
-		while (vertex < header->vertex_count && payload_vertex_run(view, vertex) == run)
-			vertex++;
+		vertex = vertices_end(view, vertex, run);
 		index_range(view, view->runs[run].first_triangle, triangle_end, &least, &largest);
 		if (least < vertex_first || largest >= vertex)
 			return why_set(
