@@ -162,9 +162,11 @@ static int on_begin(void *arg, uint32_t width, uint32_t height, uint64_t held_by
 	while (textures->bytes > 0 && textures->bytes + wanted_bytes > textures->bytes_max)
 		forget(textures, find_oldest(textures));
 	if (wanted_bytes > textures->bytes_max)
-		return why_set(why, -ENOMEM, "it takes %llu KiB of %llu KiB for textures",
-			       (unsigned long long)(wanted_bytes / KIB),
-			       (unsigned long long)(textures->bytes_max / KIB));
+		return why_set(
+			why, -ENOMEM,
+			"%llu KiB are wanted and %llu KiB are for textures: give more memory",
+			(unsigned long long)(wanted_bytes / KIB),
+			(unsigned long long)(textures->bytes_max / KIB));
 	if (texture->seen)
 		textures->pixels_again += (uint64_t)width * height;
 	if (textures->pixels_again > PIXELS_AGAIN_MAX)
@@ -209,7 +211,7 @@ static void on_row(void *arg, const uint8_t *rgb)
 	uint32_t *sum = intake->sums;
 	uint32_t row_count;
 
-	/* Factors are below 128: a sum of light cannot overflow. */
+	/* Factors are at most 128: a sum of light cannot overflow. */
 	for (uint32_t x = 0; x < texture->image_width; x++, rgb += 3) {
 		if (x > 0 && x % texture->factor == 0)
 			sum += 3;

@@ -22,9 +22,9 @@
 #include "formats/import/names.h"
 
 #define TEXTURE_NONE     UINT32_MAX
-#define TEXTURE_SIDE_MAX 1024u
-/* 1024, 512, ... 1. */
-#define TEXTURE_LEVELS_MAX 11u
+#define TEXTURE_SIDE_MAX 512u
+/* 512, 256, ... 1. */
+#define TEXTURE_LEVELS_MAX 10u
 
 /** How a material lays an image on a surface. */
 struct texture_map {
