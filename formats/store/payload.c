@@ -394,15 +394,18 @@ static void index_range(const struct payload_view *view, uint32_t first, uint32_
 
 	if (view->index_format == PAYLOAD_U16) {
 		const uint16_t *indices = (const uint16_t *)view->indices + begin;
-		uint16_t least = UINT16_MAX;
-		uint16_t largest = 0;
+		int16_t least = INT16_MAX;
+		int16_t largest = INT16_MIN;
 
+		/* Moved to signed numbers, for which SSE2 has a minimum and a maximum. */
 		for (size_t i = 0; i < count; i++) {
-			least = indices[i] < least ? indices[i] : least;
-			largest = indices[i] > largest ? indices[i] : largest;
+			int16_t index = (int16_t)(indices[i] ^ 0x8000);
+
+			least = index < least ? index : least;
+			largest = index > largest ? index : largest;
 		}
-		*ret_min = least;
-		*ret_max = largest;
+		*ret_min = (uint16_t)least ^ 0x8000u;
+		*ret_max = (uint16_t)largest ^ 0x8000u;
 	} else {
 		const uint32_t *indices = (const uint32_t *)view->indices + begin;
 		uint32_t least = UINT32_MAX;
