@@ -65,33 +65,44 @@ static void evict(struct served *served, uint32_t index)
 	served->counters.evictions++;
 }
 
-static void evict_window(struct served *served, struct window window)
+/* Where the first run that has an owner begins, from a run's first page on; `end` if there is none. */
+static uint32_t owned_from(const struct pages *pages, uint32_t at, uint32_t end)
 {
-	const struct pages *pages = served->arena.by_number[window.segment]->pages;
-	uint32_t at = window.first;
-	uint32_t end = window.first + window.page_count;
-
 	while (at < end) {
 		struct pages_run run = pages_run_at(pages, at);
 
-		/* Read first: giving it back joins it with its neighbours. */
-		at += run.count;
 		if (run.owner != PAGES_FREE)
+			break;
+		at += run.count;
+	}
+	return at;
+}
+
+/*
+ * Evicts what nobody holds in whole runs from `at` to `end`.  The next run is found before one is
+ * given back: that joins it with its free neighbours, whose own records then mean nothing.
+ */
+static void evict_range(struct served *served, const struct pages *pages, uint32_t at, uint32_t end)
+{
+	at = owned_from(pages, at, end);
+	while (at < end) {
+		struct pages_run run = pages_run_at(pages, at);
+
+		at = owned_from(pages, at + run.count, end);
+		if (served->nodes[run.owner].state == NODE_FREE)
 			evict(served, run.owner);
 	}
 }
 
+static void evict_window(struct served *served, struct window window)
+{
+	evict_range(served, served->arena.by_number[window.segment]->pages, window.first,
+		    window.first + window.page_count);
+}
+
 static void evict_unpinned(struct served *served, const struct segment *segment)
 {
-	uint32_t at = 0;
-
-	while (at < pages_count(segment->pages)) {
-		struct pages_run run = pages_run_at(segment->pages, at);
-
-		at += run.count;
-		if (run.owner != PAGES_FREE && served->nodes[run.owner].state == NODE_FREE)
-			evict(served, run.owner);
-	}
+	evict_range(served, segment->pages, 0, pages_count(segment->pages));
 }
 
 static void drop_segment(struct cache *cache, struct served *served, struct segment *segment)

@@ -11,6 +11,7 @@
 #include <fcntl.h>
 #include <stdbool.h>
 #include <stdlib.h>
+#include <string.h>
 #include <unistd.h>
 
 #include "daemon/cache.h"
@@ -25,6 +26,7 @@ struct fixture {
 	struct cache cache;
 	bool deny_memory;
 	uint32_t gone_count;
+	struct store_node *mixed; /* records of a store whose payloads differ in size */
 };
 
 /* Segments are made at once here, and are there with the next call. */
@@ -78,6 +80,7 @@ static int teardown(void **state)
 	assert_int_equal(fixture->cache.segment_bytes, 0);
 	assert_int_equal(fixture->cache.pinned_bytes, 0);
 	test_folder_remove(fixture->folder);
+	free(fixture->mixed);
 	free(fixture);
 	return 0;
 }
@@ -95,6 +98,20 @@ static struct served *add_store(struct fixture *fixture, const char *name)
 		fail_msg("%s", why.text);
 	cache_add_store(&fixture->cache, served);
 	return served;
+}
+
+/* Lets the payloads have 1 to 9 pages, which nothing here reads. */
+static void mix_sizes(struct served *served, struct store_node **ret_records)
+{
+	struct store_node *records = malloc(served->node_count * sizeof(*records));
+
+	assert_non_null(records);
+	memcpy(records, served->records, served->node_count * sizeof(*records));
+	for (uint32_t i = 0; i < served->node_count; i++)
+		if (records[i].payload_id != 0)
+			records[i].payload_bytes = WIRE_PAGE_BYTES * (1 + i * 2654435761u % 97 % 9);
+	served->records = records;
+	*ret_records = records;
 }
 
 /* The first node with payload after `index`. */
@@ -313,6 +330,26 @@ static void cache_gives_back_segments_that_stay_empty(void **state)
 }
 
 /* Holds as a random walk over two stores, with fills that end well, badly and late. */
+/* Single free pages between payloads of many sizes: a window is made of them and of what they part. */
+static void cache_makes_room_among_payloads_of_many_sizes(void **state)
+{
+	struct fixture *fixture = *state;
+	struct served *served = add_store(fixture, "a.ooc");
+	unsigned seed = 5;
+
+	mix_sizes(served, &fixture->mixed);
+	for (uint32_t step = 0; step < 20000; step++) {
+		uint32_t index = (uint32_t)rand_r(&seed) % served->node_count;
+
+		if (!served_has_payload(served, index) || served->nodes[index].state != NODE_ABSENT)
+			continue;
+		fill(fixture, served, index);
+		if (step % 64 == 0)
+			cache_check(&fixture->cache);
+	}
+	assert_true(served->counters.evictions > 1000);
+}
+
 static void cache_keeps_its_books_through_anything(void **state)
 {
 	struct fixture *fixture = *state;
@@ -382,6 +419,7 @@ int main(void)
 		CACHE_TEST(cache_drains_a_segment_for_a_store_that_has_none),
 		CACHE_TEST(cache_lives_with_the_memory_there_is),
 		CACHE_TEST(cache_gives_back_segments_that_stay_empty),
+		CACHE_TEST(cache_makes_room_among_payloads_of_many_sizes),
 		CACHE_TEST(cache_keeps_its_books_through_anything),
 	};
 
