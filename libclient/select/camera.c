@@ -211,23 +211,34 @@ double camera_near(const struct camera *camera, const struct store_superblock *s
 	return near > 0.0 && isfinite(near) ? near : 1.0;
 }
 
-/* How far the eye must be from the centre so that all corners of the box are in the picture. */
-static double framing_distance(const double half[3], const double right[3], const double up[3],
-			       const double forward[3], double tan_half_x, double tan_half_y)
+/*
+ * Where the eye must be, from the box's centre along right, up and forward, so that the box just fits:
+ * of all corners c, c.right - eye.right <= tan_half_x * (c.forward - eye.forward) and so on for each
+ * side.  Opposite sides added say how far back the eye has to go, subtracted where the middle is.
+ */
+static void framing_eye(const double half[3], const double *const axes[3], const double tan_half[2],
+			double ret[3])
 {
-	double distance = 0.0;
+	ret[2] = INFINITY;
+	for (unsigned side = 0; side < 2; side++) {
+		double least = -INFINITY;
+		double most = -INFINITY;
 
-	for (unsigned corner = 0; corner < 8; corner++) {
-		double at[3];
-		double depth;
+		for (unsigned corner = 0; corner < 8; corner++) {
+			double at[3];
+			double reach;
+			double place;
 
-		for (unsigned i = 0; i < 3; i++)
-			at[i] = corner >> i & 1 ? half[i] : -half[i];
-		depth = dot3(forward, at);
-		distance = fmax(distance, fabs(dot3(right, at)) / tan_half_x - depth);
-		distance = fmax(distance, fabs(dot3(up, at)) / tan_half_y - depth);
+			for (unsigned i = 0; i < 3; i++)
+				at[i] = corner >> i & 1 ? half[i] : -half[i];
+			reach = tan_half[side] * dot3(axes[2], at);
+			place = dot3(axes[side], at);
+			most = fmax(most, place - reach);
+			least = fmax(least, -place - reach);
+		}
+		ret[side] = 0.5 * (most - least);
+		ret[2] = fmin(ret[2], -0.5 * (most + least) / tan_half[side]);
 	}
-	return distance;
 }
 
 void camera_frame_all(struct camera *ret, const struct store_superblock *const *superblocks,
@@ -242,8 +253,11 @@ void camera_frame_all(struct camera *ret, const struct store_superblock *const *
 	double right[3];
 	double up[3];
 	double forward[3];
-	double tan_half_y = tan(fov_y_degrees * (M_PI / 360.0));
-	double distance;
+	/* A little is left free on each side. */
+	double tan_half_y = tan(fov_y_degrees * (M_PI / 360.0)) / 1.05;
+	const double tan_half[2] = { tan_half_y * aspect, tan_half_y };
+	const double *const axes[3] = { right, up, forward };
+	double eye[3];
 	int up_axis = 2;
 
 	CHECK(superblock_count > 0);
@@ -268,13 +282,14 @@ void camera_frame_all(struct camera *ret, const struct store_superblock *const *
 	(void)camera_axes(&camera, right, up, forward);
 	for (int i = 0; i < 3; i++)
 		half[i] = 0.5 * (box_max[i] - box_min[i]);
-	distance =
-		1.05 * framing_distance(half, right, up, forward, tan_half_y * aspect, tan_half_y);
-	if (!(distance > 0.0))
-		distance = 1.0;
+	framing_eye(half, axes, tan_half, eye);
+	if (!(eye[2] < 0.0))
+		eye[2] = -1.0;
 	for (int i = 0; i < 3; i++) {
-		camera.at[i] = 0.5 * (box_min[i] + box_max[i]);
-		camera.eye[i] = camera.at[i] - distance * forward[i];
+		double centre = 0.5 * (box_min[i] + box_max[i]);
+
+		camera.at[i] = centre + eye[0] * right[i] + eye[1] * up[i];
+		camera.eye[i] = camera.at[i] + eye[2] * forward[i];
 	}
 	*ret = camera;
 }
