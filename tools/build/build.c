@@ -379,6 +379,7 @@ static void fill_report(struct build *build, const struct store_superblock *supe
 	report->triangles_stored = superblock->triangle_count;
 	report->non_finite = build->soup.non_finite_count;
 	report->dropped_faces = build->soup.dropped_face_count;
+	report->missing_textures = build->soup.missing_texture_count;
 	report->replication_factor =
 		unique > 0 ? (double)superblock->triangle_count / (double)unique : 1.0;
 	report->sections = superblock->section_count;

@@ -69,6 +69,7 @@ struct build_report {
 	uint64_t non_finite;
 	uint64_t duplicates;
 	uint64_t dropped_faces;
+	uint64_t missing_textures;
 	double replication_factor;
 	uint64_t sections;
 	uint64_t parts;

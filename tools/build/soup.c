@@ -369,6 +369,7 @@ static void soup_join_intake(struct soup *soup, const struct intake *intake,
 	soup->triangle_count += intake->section->triangle_count;
 	soup->non_finite_count += intake->non_finite_count;
 	soup->dropped_face_count += info->dropped_faces;
+	soup->missing_texture_count += info->missing_texture_count;
 	soup->scratch_bytes = u64_max(soup->scratch_bytes, info->scratch_bytes_max);
 	soup->doubles |= intake->section->doubles;
 	soup->normals |= intake->any_normals;

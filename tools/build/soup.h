@@ -72,6 +72,7 @@ struct soup {
 	uint64_t triangle_count;
 	uint64_t non_finite_count;
 	uint64_t dropped_face_count;
+	uint64_t missing_texture_count;
 	uint64_t scratch_bytes; /* of importers, at most at one time */
 	double box_min[3];
 	double box_max[3];

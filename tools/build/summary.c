@@ -31,6 +31,11 @@ static void print_drops(const struct build_report *report, FILE *out)
 			      report->depth_limited_leaves);
 	if (report->missing_material_file)
 		(void)fputs("  note      a material file is missing: grey stands in\n", out);
+	if (report->missing_textures > 0)
+		(void)fprintf(out,
+			      "  note      %" PRIu64
+			      " images cannot be read: their materials' colours stand in\n",
+			      report->missing_textures);
 	if (report->units_differ)
 		(void)fputs("  note      files differ in units or up axis: the first one counts\n",
 			    out);
@@ -86,6 +91,7 @@ static void print_counts(const struct build_report *report, FILE *out)
 		{ "non_finite", report->non_finite },
 		{ "duplicates", report->duplicates },
 		{ "dropped_faces", report->dropped_faces },
+		{ "missing_textures", report->missing_textures },
 		{ "sections", report->sections },
 		{ "parts", report->parts },
 		{ "nodes", report->nodes },
