@@ -6,6 +6,7 @@
 #define HALL_DEPTH    20.0
 #define YARD_DEPTH    26.0
 #define GROUND_MARGIN 30.0
+#define GROUND_TOP    (-0.35)
 #define COLUMN_WIDTH  0.5
 /* Half the gap between two slabs, hidden by the beam below it. */
 #define SLAB_JOINT 0.01
@@ -59,7 +60,7 @@ static void make_ground(struct mesh *mesh, const struct plant *plant)
 	machine_paint(mesh, PAINT_GROUND);
 	solid_box(mesh, &world, at(-GROUND_MARGIN, -HALL_DEPTH - GROUND_MARGIN, -0.8),
 		  at(plant->x[plant->column_count] + 2 * GROUND_MARGIN,
-		     plant->y[plant->row_count] + YARD_DEPTH + GROUND_MARGIN, -0.35));
+		     plant->y[plant->row_count] + YARD_DEPTH + GROUND_MARGIN, GROUND_TOP));
 }
 
 /* ---- bays of the floors ---- */
@@ -93,20 +94,23 @@ static void make_columns(struct mesh *mesh, const struct bay *bay)
 					     i & 2 ? bay->depth : 0, -0.02);
 
 		if ((!(i & 1) || last_column) && (!(i & 2) || last_row))
-			solid_block(mesh, &foot, COLUMN_WIDTH, COLUMN_WIDTH, bay->height + 0.04);
+			solid_block(mesh, &foot, COLUMN_WIDTH, COLUMN_WIDTH, bay->height + 0.045);
 	}
 }
 
 static void make_beams(struct mesh *mesh, const struct bay *bay)
 {
-	double z = bay->height - 0.17;
+	/* Their tops are in the slab, each at another height, all under those of walls and columns. */
+	double high = bay->height + 0.018;
+	double low = bay->height + 0.006;
 
 	machine_paint(mesh, PAINT_STRUCTURE);
-	machine_beam(mesh, &bay->frame, at(0, 0.1, z), at(0, bay->depth - 0.1, z), 0.4);
-	machine_beam(mesh, &bay->frame, at(0.1, 0, z - 0.01), at(bay->width - 0.1, 0, z - 0.01),
+	machine_beam(mesh, &bay->frame, at(0, 0.1, high - 0.2), at(0, bay->depth - 0.1, high - 0.2),
+		     0.4);
+	machine_beam(mesh, &bay->frame, at(0.1, 0, low - 0.18), at(bay->width - 0.1, 0, low - 0.18),
 		     0.36);
-	machine_beam(mesh, &bay->frame, at(0.05, bay->depth / 2, z + 0.03),
-		     at(bay->width - 0.05, bay->depth / 2, z + 0.03), 0.3);
+	machine_beam(mesh, &bay->frame, at(0.05, bay->depth / 2, low - 0.15),
+		     at(bay->width - 0.05, bay->depth / 2, low - 0.15), 0.3);
 }
 
 static void make_roof(struct mesh *mesh, const struct bay *bay)
@@ -133,11 +137,11 @@ static void make_roof(struct mesh *mesh, const struct bay *bay)
 		machine_duct(mesh, &part, bay->width, 1.1);
 		return;
 	}
-	part = frame_at(&bay->frame, bay->width / 2, bay->depth / 2, 0);
+	part = frame_at(&bay->frame, bay->width / 2, bay->depth / 2, -MACHINE_SUNK);
 	if (random_chance(&random, 0.3)) {
 		machine_paint(mesh, PAINT_DUCT);
 		solid_block(mesh, &part, 3.2, 2.2, 1.9);
-		part = frame_at(&part, -1.4, -0.9, 1.88);
+		part = frame_at(&part, -1.4, -0.9, 1.95);
 		machine_platform(mesh, &part, 2.8, 1.8);
 	} else if (random_chance(&random, 0.3)) {
 		machine_stack(mesh, &part, random_between(&random, 0.3, 0.5), 5);
@@ -190,8 +194,8 @@ static void make_hall_shell(struct mesh *mesh, const struct plant *plant, unsign
 		/* Behind the joint of two walls. */
 		machine_paint(mesh, PAINT_STRUCTURE);
 		if (z > 0)
-			machine_beam(mesh, corner, at(0.3, 0.21, z - 0.03),
-				     at(width - 0.3, 0.21, z - 0.03), 0.2);
+			machine_beam(mesh, corner, at(0.3, 0.2, z - 0.03),
+				     at(width - 0.3, 0.2, z - 0.03), 0.2);
 	}
 	machine_paint(mesh, PAINT_STRUCTURE);
 	for (unsigned i = 0; i <= (column + 1 == plant->column_count); i++) {
@@ -200,8 +204,8 @@ static void make_hall_shell(struct mesh *mesh, const struct plant *plant, unsign
 		machine_beam(mesh, corner, at(x, 0.3, -0.1), at(x, 0.3, height + 0.05), 0.7);
 		machine_beam(mesh, corner, at(x, HALL_DEPTH - 0.8, -0.1),
 			     at(x, HALL_DEPTH - 0.8, height + 0.05), 0.7);
-		machine_beam(mesh, corner, at(x, 0.1, height - 0.35),
-			     at(x, HALL_DEPTH - 0.3, height - 0.35), 0.74);
+		machine_beam(mesh, corner, at(x, 0.13, height - 0.35),
+			     at(x, HALL_DEPTH - 0.33, height - 0.35), 0.74);
 	}
 	for (unsigned i = 1; i < 6; i++)
 		machine_beam(mesh, corner, at(0.05, i * HALL_DEPTH / 6, height - 0.15),
@@ -216,7 +220,7 @@ static void make_hall_ways(struct mesh *mesh, const struct plant *plant, unsigne
 	struct frame part;
 
 	for (unsigned floor = 1; floor * BAY_FLOOR_HEIGHT + 3 < plant->hall_height; floor++) {
-		part = frame_at(corner, 0, HALL_DEPTH - 2, floor * BAY_FLOOR_HEIGHT - 0.02);
+		part = frame_at(corner, 0, HALL_DEPTH - 2, floor * BAY_FLOOR_HEIGHT - 0.03);
 		machine_platform(mesh, &part, width, 1.8);
 		part = frame_at(&part, 0, 0.05, 0);
 		machine_railing(mesh, &part, width);
@@ -239,11 +243,11 @@ static void make_hall_ways(struct mesh *mesh, const struct plant *plant, unsigne
 static void make_hall_end(struct mesh *mesh, const struct plant *plant, const struct frame *corner,
 			  double x)
 {
-	struct frame wall = frame_at(corner, x, 0.1, -0.03);
+	struct frame wall = frame_at(corner, x, 0.1, -0.04);
 	double height = plant->hall_height;
 	struct plate plate = { .width = HALL_DEPTH - 0.4,
-			       .height = height + 0.06,
-			       .thickness = 0.3 };
+			       .height = height + 0.08,
+			       .thickness = 0.32 };
 
 	plate.openings[plate.opening_count++] = (struct opening){ 7.5, 0, 12.5, 5 };
 	for (unsigned i = 0; i < 4; i++)
@@ -251,7 +255,7 @@ static void make_hall_end(struct mesh *mesh, const struct plant *plant, const st
 			(struct opening){ 1.5 + 4.4 * i, 0.62 * height, 4.5 + 4.4 * i,
 					  0.85 * height };
 	wall = (struct frame){ wall.y, wall.z, wall.x, wall.origin };
-	wall = frame_at(&wall, 0, 0, -0.15);
+	wall = frame_at(&wall, 0, 0, -plate.thickness / 2);
 	machine_paint(mesh, PAINT_OUTER_WALL);
 	solid_plate(mesh, &wall, &plate);
 }
@@ -271,13 +275,13 @@ static void make_hall(struct mesh *mesh, const struct plant *plant, unsigned col
 	if (column + 1 == plant->column_count)
 		make_hall_end(mesh, plant, &corner, width);
 	if (column % 2 == 0 && column + 1 < plant->column_count) {
-		part = frame_at(&corner, width, 0.42 * HALL_DEPTH, 0);
+		part = frame_at(&corner, width, 0.42 * HALL_DEPTH, -MACHINE_SUNK);
 		machine_turbine(mesh, &part, &random);
 	}
 	part = frame_at(&corner, 0, HALL_DEPTH - 4.5, 3.2);
 	if (bay_furnished(plant, &random, 1))
 		machine_pipe_rack(mesh, &part, &random, width, plant->hall_height - 3.2);
-	part = frame_at(&corner, width / 2, HALL_DEPTH - 4.8, 0);
+	part = frame_at(&corner, width / 2, HALL_DEPTH - 4.8, -MACHINE_SUNK);
 	if (bay_furnished(plant, &random, 1))
 		machine_pump(mesh, &part, &random, 3.4);
 	for (unsigned i = 0; i < 2; i++) {
@@ -294,7 +298,8 @@ static void make_yard(struct mesh *mesh, const struct plant *plant, unsigned col
 	struct random random = random_stream(plant->seed, STREAM_YARD | column);
 	struct frame world = FRAME_WORLD;
 	double width = plant->x[column + 1] - plant->x[column];
-	struct frame corner = frame_at(&world, plant->x[column], plant->y[plant->row_count], -0.35);
+	struct frame corner = frame_at(&world, plant->x[column], plant->y[plant->row_count],
+				       GROUND_TOP - MACHINE_SUNK);
 	double building = plant->floor_count * BAY_FLOOR_HEIGHT;
 	struct frame part;
 
@@ -307,13 +312,14 @@ static void make_yard(struct mesh *mesh, const struct plant *plant, unsigned col
 	}
 	for (unsigned deck = 0; deck < 2; deck++) {
 		for (unsigned side = 0; side < 2; side++) {
-			part = frame_at(&corner, 0, 3.6 + 1.8 * side, 5 + 2 * deck);
+			/* Wide ones reach into each other. */
+			part = frame_at(&corner, 0, 3.6 + 1.8 * side, 5 + 2 * deck + 0.015 * side);
 			if (bay_furnished(plant, &random, 1))
 				machine_pipe_rack(mesh, &part, &random, width, 0.1);
 		}
 		machine_paint(mesh, PAINT_STRUCTURE);
-		machine_beam(mesh, &corner, at(0.3, 2.8, 4.72 + 2 * deck),
-			     at(0.3, 7.2, 4.72 + 2 * deck), 0.3);
+		machine_beam(mesh, &corner, at(0.3, 2.77, 4.72 + 2 * deck),
+			     at(0.3, 7.23, 4.72 + 2 * deck), 0.3);
 	}
 	part = frame_at(&corner, width / 2, 17, 0);
 	if (column % 6 == 1) {

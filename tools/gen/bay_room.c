@@ -94,7 +94,7 @@ void bay_shaft_contents(struct mesh *mesh, const struct bay *bay, struct random 
 		railing_around(mesh, bay, &o, bay->floor % 2 == 1, bay->floor % 2 == 0);
 		return;
 	case BAY_SHAFT_VESSEL:
-		part = frame_at(&bay->frame, bay->width / 2, bay->depth / 2, 0);
+		part = frame_at(&bay->frame, bay->width / 2, bay->depth / 2, -MACHINE_SUNK);
 		machine_tank(mesh, &part, random, 3 * BAY_FLOOR_HEIGHT);
 		railing_around(mesh, bay, &o, false, false);
 		return;
@@ -146,7 +146,7 @@ static void place_machines(struct mesh *mesh, const struct bay *bay, struct rand
 		double x = bay->width / 2 + (place % columns - 0.5 * (columns - 1)) * ROOM_PITCH;
 		double y = bay->depth / 2 + (place / columns - 0.5 * (rows - 1)) * ROOM_PITCH;
 		struct random own = { random_next(random) };
-		struct frame frame = frame_at(&bay->frame, x, y, 0);
+		struct frame frame = frame_at(&bay->frame, x, y, -MACHINE_SUNK);
 		bool blocked = !bay_furnished(bay->plant, &own, theme->place_percent / 100.0);
 
 		for (unsigned i = 0; i < opening_count; i++)
@@ -154,7 +154,7 @@ static void place_machines(struct mesh *mesh, const struct bay *bay, struct rand
 		if (blocked)
 			continue;
 		frame = frame_turned(&frame, turn_of(2 * random_below(&own, 2), 4));
-		theme->machines[random_below(&own, 4)](mesh, &frame, &own, bay->height + 0.02);
+		theme->machines[random_below(&own, 4)](mesh, &frame, &own, bay->height + 0.03);
 	}
 	for (unsigned i = 0; i < theme->rack_count_max; i++) {
 		double y =
@@ -186,7 +186,7 @@ void bay_room(struct mesh *mesh, const struct bay *bay)
 	bay_shaft_contents(mesh, bay, &random);
 	if (bay_furnished(bay->plant, &random, 0.5)) {
 		part = frame_at(&bay->frame, 0, random_between(&random, 0.8, bay->depth - 0.8),
-				bay->height - 0.55);
+				bay->height - 0.71);
 		machine_duct(mesh, &part, bay->width, random_between(&random, 0.4, 0.7));
 	}
 	if (bay_furnished(bay->plant, &random, 0.7)) {

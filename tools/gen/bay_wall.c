@@ -19,15 +19,16 @@ static void door_frame(struct mesh *mesh, const struct frame *wall, const struct
 		       double thickness, struct random *random)
 {
 	double front = thickness + 0.03;
+	double foot = WALL_SUNK - MACHINE_SUNK;
 	struct frame leaf = frame_at(wall, o->low_x + 0.05, 0, thickness);
 
 	machine_paint(mesh, PAINT_FRAME);
-	solid_box(mesh, wall, at(o->low_x - 0.06, WALL_SUNK, -0.03),
+	solid_box(mesh, wall, at(o->low_x - 0.06, foot, -0.03),
 		  at(o->low_x + 0.04, o->high_y + 0.05, front));
-	solid_box(mesh, wall, at(o->high_x - 0.04, WALL_SUNK, -0.03),
+	solid_box(mesh, wall, at(o->high_x - 0.04, foot, -0.03),
 		  at(o->high_x + 0.06, o->high_y + 0.05, front));
-	solid_box(mesh, wall, at(o->low_x + 0.04, o->high_y - 0.04, -0.025),
-		  at(o->high_x - 0.04, o->high_y + 0.06, front - 0.005));
+	solid_box(mesh, wall, at(o->low_x + 0.03, o->high_y - 0.04, -0.025),
+		  at(o->high_x - 0.03, o->high_y + 0.06, front - 0.005));
 	if (random_chance(random, 0.35))
 		return;
 	/* The leaf turns about the wall's upright, which is the frame's y. */

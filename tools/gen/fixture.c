@@ -23,7 +23,7 @@ void machine_railing(struct mesh *mesh, const struct frame *frame, double length
 	for (unsigned i = 0; i < post_count; i++) {
 		double x = 0.02 + (length - 0.04) * i / (post_count - 1);
 
-		solid_rod(mesh, frame, at(x, 0, 0), at(x, 0, RAILING_HEIGHT), 0.021);
+		solid_rod(mesh, frame, at(x, 0, -MACHINE_SUNK), at(x, 0, RAILING_HEIGHT), 0.021);
 	}
 	solid_rod(mesh, frame, at(JOINT, 0, RAILING_HEIGHT), at(length - JOINT, 0, RAILING_HEIGHT),
 		  0.025);
@@ -49,7 +49,7 @@ void machine_stairs(struct mesh *mesh, const struct frame *frame, double length,
 		solid_rod(mesh, frame, at(0, y, RAILING_HEIGHT),
 			  at(length, y, height + RAILING_HEIGHT), 0.025);
 		for (unsigned i = 0; i <= step_count; i += 4)
-			solid_rod(mesh, frame, at(i * run, y, i * rise),
+			solid_rod(mesh, frame, at(i * run, y, i * rise - MACHINE_SUNK),
 				  at(i * run, y, i * rise + RAILING_HEIGHT), 0.021);
 	}
 	machine_paint(mesh, PAINT_GRATING);
@@ -96,9 +96,10 @@ void machine_platform(struct mesh *mesh, const struct frame *frame, double lengt
 	}
 	machine_paint(mesh, PAINT_STRUCTURE);
 	for (int side = 0; side <= 1; side++) {
-		double y = side ? width - 0.06 : 0.06;
+		double y = side ? width - 0.07 : 0.07;
 
-		machine_beam(mesh, frame, at(JOINT, y, -0.14), at(length - JOINT, y, -0.14), 0.2);
+		machine_beam(mesh, frame, at(2 * JOINT, y, -0.13), at(length - 2 * JOINT, y, -0.13),
+			     0.2);
 	}
 }
 
@@ -119,7 +120,8 @@ void machine_tray(struct mesh *mesh, const struct frame *frame, struct random *r
 		for (int side = -1; side <= 1; side += 2) {
 			double y = side * (width / 2 + 0.015);
 
-			solid_rod(mesh, frame, at(x, y, -0.05), at(x, y, hanger_height), 0.008);
+			solid_rod(mesh, frame, at(x, y, -0.05),
+				  at(x, y, hanger_height + MACHINE_SUNK), 0.008);
 		}
 		solid_box(mesh, frame, at(x - 0.02, -width / 2 - 0.03, -0.045),
 			  at(x + 0.02, width / 2 + 0.03, -0.005));
@@ -142,6 +144,8 @@ void machine_pipe_rack(struct mesh *mesh, const struct frame *frame, struct rand
 		       double length, double hanger_height)
 {
 	unsigned pipe_count = 3 + random_below(random, 4);
+	/* Racks may cross. */
+	double first = random_between(random, 0.9, 1.1);
 	double y = 0;
 	double width;
 
@@ -163,13 +167,13 @@ void machine_pipe_rack(struct mesh *mesh, const struct frame *frame, struct rand
 	}
 	width = y;
 	machine_paint(mesh, PAINT_STRUCTURE);
-	for (double x = 1; x < length; x += 3) {
+	for (double x = first; x < length; x += 3) {
 		machine_beam(mesh, frame, at(x, -0.15, -0.06), at(x, width + 0.05, -0.06), 0.12);
 		for (int side = 0; side <= 1; side++) {
 			double hanger_y = side ? width : -0.1;
 
 			solid_rod(mesh, frame, at(x, hanger_y, -0.05),
-				  at(x, hanger_y, hanger_height), 0.02);
+				  at(x, hanger_y, hanger_height + MACHINE_SUNK), 0.02);
 		}
 	}
 }
@@ -200,7 +204,8 @@ void machine_lamp(struct mesh *mesh, const struct frame *frame)
 
 	machine_paint(mesh, PAINT_FRAME);
 	for (int side = -1; side <= 1; side += 2)
-		solid_rod(mesh, frame, at(0.5 * side, 0, -0.4), at(0.5 * side, 0, 0), 0.006);
+		solid_rod(mesh, frame, at(0.5 * side, 0, -0.4), at(0.5 * side, 0, MACHINE_SUNK),
+			  0.006);
 	solid_block(mesh, &body, 1.25, 0.2, 0.06);
 	machine_paint(mesh, PAINT_LAMP);
 	for (int side = -1; side <= 1; side += 2)

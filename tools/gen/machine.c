@@ -185,12 +185,12 @@ void machine_drum(struct mesh *mesh, const struct frame *frame, struct random *r
 		part = frame_at(&body, length * (0.25 + 0.25 * k), 0, 0.9 * radius);
 		nozzle(mesh, &part, random_between(random, 0.05, 0.1), 0.15 + 0.1 * radius);
 	}
-	machine_paint(mesh, PAINT_CONCRETE);
 	for (int k = -1; k <= 1; k += 2) {
+		machine_paint(mesh, PAINT_CONCRETE);
 		part = frame_at(frame, 0.3 * k * length, 0, 0);
 		solid_block(mesh, &part, 0.2, 1.7 * radius, 0.25);
 		machine_paint(mesh, PAINT_STRUCTURE);
-		part = frame_at(&part, 0, 0, 0.25);
+		part = frame_at(&part, 0, 0, 0.25 - MACHINE_SUNK);
 		solid_block(mesh, &part, 0.12, 1.4 * radius, 0.2 + 0.4 * radius);
 	}
 	if (height > 2.5 && random_chance(random, 0.6)) {
@@ -245,7 +245,7 @@ void machine_pump(struct mesh *mesh, const struct frame *frame, struct random *r
 	machine_paint(mesh, PAINT_CONCRETE);
 	solid_block(mesh, frame, 1.9, 0.9, 0.22);
 	machine_paint(mesh, PAINT_STRUCTURE);
-	part = frame_at(frame, 0, 0, 0.22);
+	part = frame_at(frame, 0, 0, 0.22 - MACHINE_SUNK);
 	solid_block(mesh, &part, 1.75, 0.7, 0.08 + 0.3 * radius);
 	part = frame_at(frame, -0.85, 0, axis);
 	motor(mesh, &part, radius, 0.9);

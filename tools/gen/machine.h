@@ -11,6 +11,9 @@
 
 #include "tools/gen/solid.h"
 
+/** Faces never lie in one plane: what stands on another thing begins this far inside it. */
+#define MACHINE_SUNK 0.01
+
 /** Metres of floor that a machine may fill in x and y. */
 #define MACHINE_SLOT 1.8
 
