@@ -13,7 +13,7 @@ oocd_test(test_assimp integration
 oocd_test(test_assimp_frames integration
 	SOURCES integration/test_assimp_frames.c LINK oocd_import_kit)
 oocd_test(test_import_data integration
-	SOURCES integration/test_import_data.c LINK oocd_import_kit TIMEOUT 300)
+	SOURCES integration/test_import_data.c LINK oocd_import_kit TIMEOUT 300 SINGLE_THREADED)
 
 oocd_test(fault_import fault
 	SOURCES fault/fault_import.c LINK oocd_import oocd_test_helper PkgConfig::PNG TIMEOUT 120)

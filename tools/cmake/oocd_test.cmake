@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: MIT
-# oocd_test(NAME LABEL SOURCES src... LINK lib... [ARGS arg...] [TIMEOUT s])
+# oocd_test(NAME LABEL SOURCES src... LINK lib... [ARGS arg...] [TIMEOUT s] [SINGLE_THREADED])
+# SINGLE_THREADED: long, and of one thread, so that ThreadSanitizer has nothing to find in it.
 # One cmocka program and its ctest "LABEL.NAME".  A skip (exit status 77) says why on its last line.
 function(oocd_test name label)
-	cmake_parse_arguments(T "" "TIMEOUT" "SOURCES;LINK;ARGS" ${ARGN})
+	cmake_parse_arguments(T "SINGLE_THREADED" "TIMEOUT" "SOURCES;LINK;ARGS" ${ARGN})
+	if(T_SINGLE_THREADED AND OOCD_SANITIZE STREQUAL "thread")
+		return()
+	endif()
 	if(NOT T_TIMEOUT)
 		set(T_TIMEOUT 60)
 	endif()
