@@ -4,9 +4,9 @@ oocd_test(test_select unit SOURCES unit/test_select.c LINK oocd_select oocd_test
 oocd_test(test_raster unit SOURCES unit/test_raster.c LINK oocd_select oocd_test_helper m)
 oocd_test(test_raster_gl integration
 	SOURCES integration/test_raster_gl.c
-	LINK oocd_select PkgConfig::EPOXY PkgConfig::EGL m)
+	LINK oocd_select PkgConfig::EPOXY PkgConfig::EGL m SINGLE_THREADED)
 oocd_test(test_bench integration
 	SOURCES integration/test_bench.c
 	LINK oocd_bench oocd_test_helper m
-	TIMEOUT 300)
-add_dependencies(test_bench oocbench oocbuild oocd oocgen oocview)
+	TIMEOUT 300 SINGLE_THREADED
+	NEEDS oocbench oocbuild oocd oocgen oocview)

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: MIT
-# oocd_test(NAME LABEL SOURCES src... LINK lib... [ARGS arg...] [TIMEOUT s] [SINGLE_THREADED])
-# SINGLE_THREADED: long, and of one thread, so that ThreadSanitizer has nothing to find in it.
+# oocd_test(NAME LABEL SOURCES src... LINK lib... [ARGS arg...] [TIMEOUT s] [NEEDS target...]
+#           [SINGLE_THREADED])
+# SINGLE_THREADED: long, and of one thread of ours, so that ThreadSanitizer has nothing to find in it
+# (Mesa's threads are not built with it, and would be misjudged).
 # One cmocka program and its ctest "LABEL.NAME".  A skip (exit status 77) says why on its last line.
 function(oocd_test name label)
-	cmake_parse_arguments(T "SINGLE_THREADED" "TIMEOUT" "SOURCES;LINK;ARGS" ${ARGN})
+	cmake_parse_arguments(T "SINGLE_THREADED" "TIMEOUT" "SOURCES;LINK;ARGS;NEEDS" ${ARGN})
 	if(T_SINGLE_THREADED AND OOCD_SANITIZE STREQUAL "thread")
 		return()
 	endif()
@@ -15,6 +17,9 @@ function(oocd_test name label)
 	endif()
 	add_executable(${name} ${T_SOURCES})
 	target_link_libraries(${name} PRIVATE oocd_flags PkgConfig::CMOCKA ${T_LINK})
+	if(T_NEEDS)
+		add_dependencies(${name} ${T_NEEDS})
+	endif()
 	set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
 	add_test(NAME ${label}.${name} COMMAND ${name} ${T_ARGS})
 	set_tests_properties(${label}.${name} PROPERTIES
