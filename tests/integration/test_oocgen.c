@@ -74,7 +74,7 @@ static void an_interrupted_plant_leaves_no_file(void **state)
 	int status;
 
 	assert_true(inotify_add_watch(watch, *state, IN_CREATE) >= 0);
-	pid = start_plant("1000000000", path);
+	pid = start_plant("100000000", path);
 	/* Its temporary file is there: now it writes. */
 	assert_true(read(watch, event, sizeof(event)) > 0);
 	assert_int_equal(kill(pid, SIGTERM), 0);
