@@ -89,7 +89,7 @@ void machine_valve(struct mesh *mesh, const struct frame *frame, double pipe_rad
 	machine_flange(mesh, &part, r);
 }
 
-/* A pipe stub along z with a flange at its end. */
+/* A short pipe along z with a flange at its end. */
 static void nozzle(struct mesh *mesh, const struct frame *frame, double radius, double length)
 {
 	struct frame end = frame_at(frame, 0, 0, length);
