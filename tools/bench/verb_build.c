@@ -5,7 +5,6 @@
  */
 #include <errno.h>
 #include <fcntl.h>
-#include <getopt.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -18,6 +17,7 @@
 #include "formats/base/file.h"
 #include "formats/base/log.h"
 #include "formats/base/text.h"
+#include "tools/bench/arguments.h"
 #include "tools/bench/bench.h"
 #include "tools/bench/measure.h"
 
@@ -298,87 +298,31 @@ static int build_measure(struct build *build, struct why *why)
 	return r;
 }
 
-enum build_option {
-	OPTION_TRIANGLES = 256,
-	OPTION_SEED,
-	OPTION_MEMORY,
-	OPTION_JOBS,
-	OPTION_REPEATS,
-	OPTION_FOLDER,
-	OPTION_JSON,
-};
-
-static int option_take(struct build_options *options, int key, const char *value)
-{
-	switch (key) {
-	case OPTION_TRIANGLES:
-		if (text_to_u64(value, &options->triangle_count) < 0)
-			return verb_usage_error("build", "--triangles %s is no whole number",
-						value);
-		return 0;
-	case OPTION_SEED:
-		if (text_to_u64(value, &options->seed) < 0)
-			return verb_usage_error("build", "--seed %s is no whole number", value);
-		return 0;
-	case OPTION_MEMORY:
-		if (text_to_size(value, &options->memory_bytes) < 0)
-			return verb_usage_error("build", "--memory %s is no size like 512M", value);
-		return 0;
-	case OPTION_JOBS:
-		if (text_to_u64(value, &options->job_count) < 0 || options->job_count == 0)
-			return verb_usage_error("build", "--jobs %s is no count", value);
-		return 0;
-	case OPTION_REPEATS:
-		if (text_to_u64(value, &options->repeat_count) < 0 || options->repeat_count == 0 ||
-		    options->repeat_count > REPEATS_MAX)
-			return verb_usage_error("build", "--repeats %s is not within 1 to %u",
-						value, REPEATS_MAX);
-		return 0;
-	case OPTION_FOLDER:
-		options->folder = value;
-		return 0;
-	case OPTION_JSON:
-		options->is_json = true;
-		return 0;
-	default:
-		/* getopt_long() has said what. */
-		return 2;
-	}
-}
-
 int verb_build(int argc, char **argv)
 {
-	static const struct option long_options[] = {
-		{ "triangles", required_argument, NULL, OPTION_TRIANGLES },
-		{ "seed", required_argument, NULL, OPTION_SEED },
-		{ "memory", required_argument, NULL, OPTION_MEMORY },
-		{ "jobs", required_argument, NULL, OPTION_JOBS },
-		{ "repeats", required_argument, NULL, OPTION_REPEATS },
-		{ "folder", required_argument, NULL, OPTION_FOLDER },
-		{ "json", no_argument, NULL, OPTION_JSON },
-		{ "help", no_argument, NULL, 'h' },
-		{ NULL, 0, NULL, 0 },
-	};
 	struct build_options options = {
 		.triangle_count = 13000000, .seed = 1, .memory_bytes = 512 * MIB, .repeat_count = 5
 	};
 	struct build build = { .options = &options };
+	const struct argument table[] = {
+		{ "triangles", ARGUMENT_NUMBER, &options.triangle_count },
+		{ "seed", ARGUMENT_NUMBER, &options.seed },
+		{ "memory", ARGUMENT_SIZE, &options.memory_bytes },
+		{ "jobs", ARGUMENT_NUMBER, &options.job_count, .min = 1 },
+		{ "repeats", ARGUMENT_NUMBER, &options.repeat_count, 1, REPEATS_MAX },
+		{ "folder", ARGUMENT_TEXT, &options.folder },
+		{ "json", ARGUMENT_FLAG, &options.is_json },
+		{ NULL },
+	};
+	const struct arguments arguments = { "build", help, table, 0, 1, "name at most one model" };
+	char **operands;
 	struct why why = { "" };
-	int key;
 	int r;
 
-	while ((key = getopt_long(argc, argv, "h", long_options, NULL)) != -1) {
-		if (key == 'h') {
-			fputs(help, stdout);
-			return 0;
-		}
-		r = option_take(&options, key, optarg);
-		if (r != 0)
-			return r;
-	}
-	if (argc - optind > 1)
-		return verb_usage_error("build", "name at most one model");
-	options.model = optind < argc ? argv[optind] : NULL;
+	r = arguments_parse(&arguments, argc, argv, &operands);
+	if (r != ARGUMENTS_OK)
+		return r;
+	options.model = operands[0];
 	r = measure_scratch_make(options.folder, build.scratch, &why);
 	if (r == 0) {
 		r = build_measure(&build, &why);

@@ -11,7 +11,6 @@
  * for what the error bound allows.
  */
 #include <errno.h>
-#include <getopt.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -25,6 +24,7 @@
 #include "formats/store/store_file.h"
 #include "libclient/select/raster.h"
 #include "libclient/select/select.h"
+#include "tools/bench/arguments.h"
 #include "tools/bench/bench.h"
 #include "tools/bench/explain.h"
 #include "tools/bench/measure.h"
@@ -63,7 +63,7 @@ struct exact_options {
 	size_t input_count;
 	uint64_t view_count;
 	uint64_t seed;
-	uint32_t width, height;
+	unsigned size[2]; /* width and height, pixels */
 	bool no_viewer;
 	bool is_json;
 };
@@ -142,7 +142,7 @@ static void camera_random(struct exact *exact, uint64_t number, struct camera *r
 	double reach;
 
 	camera_frame_all(&camera, superblocks, 1,
-			 (double)exact->options->width / exact->options->height, 45.0);
+			 (double)exact->options->size[0] / exact->options->size[1], 45.0);
 	for (int k = 0; k < 3; k++) {
 		double extent = superblock->box_max[k] - superblock->box_min[k];
 
@@ -344,14 +344,15 @@ static int draw_viewer(struct exact *exact, const struct camera *camera, double 
 	int r;
 
 	measure_program("oocview", program);
-	(void)snprintf(size, sizeof(size), "%ux%u", exact->options->width, exact->options->height);
+	(void)snprintf(size, sizeof(size), "%ux%u", exact->options->size[0],
+		       exact->options->size[1]);
 	(void)camera_to_row(camera, row);
 	(void)snprintf(image, sizeof(image), "%s/view.raw", exact->scratch);
 	r = measure_run(argv, &result, why);
 	if (r < 0)
 		return r;
 	measure_result_done(&result);
-	return viewer_image_read(image, exact->options->width, exact->options->height,
+	return viewer_image_read(image, exact->options->size[0], exact->options->size[1],
 				 exact->of_viewer, ret_near, why);
 }
 
@@ -396,8 +397,8 @@ static int view_compare(struct exact *exact, const struct camera *camera, struct
 	double near = camera_near(camera, superblock);
 	struct camera_view view;
 	struct explain explain = { .view = &view,
-				   .width = options->width,
-				   .height = options->height,
+				   .width = options->size[0],
+				   .height = options->size[1],
 				   .pixels = SUBPIXELS_ALLOWED };
 	int r = 0;
 
@@ -405,7 +406,7 @@ static int view_compare(struct exact *exact, const struct camera *camera, struct
 		r = draw_viewer(exact, camera, &near, why);
 	if (r < 0)
 		return r;
-	r = camera_view_init(&view, camera, superblock, (double)options->width / options->height,
+	r = camera_view_init(&view, camera, superblock, (double)options->size[0] / options->size[1],
 			     near);
 	if (r < 0)
 		return why_errno(why, r, "a camera of ours");
@@ -422,7 +423,7 @@ static int view_compare(struct exact *exact, const struct camera *camera, struct
 	if (r < 0)
 		return why_errno(why, r, "drawing the input");
 
-	for (size_t i = 0; i < (size_t)options->width * options->height; i++)
+	for (size_t i = 0; i < (size_t)options->size[0] * options->size[1]; i++)
 		exact->covered += raster_items(exact->of_snapped)[i] != RASTER_ITEM_NONE;
 	if (!options->no_viewer)
 		compare(exact, &explain, REFERENCE_SNAPPED, exact->of_viewer,
@@ -441,8 +442,8 @@ static void report_comparison(struct report *report, const struct exact *exact, 
 			      const char *title, const struct comparison *comparison)
 {
 	double covered = exact->covered > 0 ? (double)exact->covered : 1.0;
-	double all =
-		(double)exact->options->view_count * exact->options->width * exact->options->height;
+	double all = (double)exact->options->view_count * exact->options->size[0] *
+		     exact->options->size[1];
 
 	report_group_begin(report, key, title);
 	report_number(report, "different", "pixels that differ", (double)comparison->different, "");
@@ -521,11 +522,11 @@ static int exact_open(struct exact *exact, struct why *why)
 	if (r < 0)
 		return r;
 	exact->of_viewer =
-		calloc((size_t)options->width * options->height, sizeof(*exact->of_viewer));
+		calloc((size_t)options->size[0] * options->size[1], sizeof(*exact->of_viewer));
 	if (!exact->of_viewer || selector_create(superblock, exact->nodes, &exact->selector) < 0 ||
-	    raster_create(options->width, options->height, &exact->of_store) < 0 ||
-	    raster_create(options->width, options->height, &exact->of_snapped) < 0 ||
-	    raster_create(options->width, options->height, &exact->of_original) < 0)
+	    raster_create(options->size[0], options->size[1], &exact->of_store) < 0 ||
+	    raster_create(options->size[0], options->size[1], &exact->of_snapped) < 0 ||
+	    raster_create(options->size[0], options->size[1], &exact->of_original) < 0)
 		return why_set(why, -ENOMEM, "out of memory");
 	return 0;
 }
@@ -560,87 +561,33 @@ static void exact_done(struct exact *exact)
 	store_close(exact->store);
 }
 
-enum exact_option {
-	OPTION_VIEWS = 256,
-	OPTION_SEED,
-	OPTION_SIZE,
-	OPTION_NO_VIEWER,
-	OPTION_JSON,
-};
-
-static int size_take(struct exact_options *options, const char *value)
-{
-	unsigned width;
-	unsigned height;
-	char rest;
-
-	if (sscanf(value, "%ux%u%c", &width, &height, &rest) != 2 || width == 0 || height == 0 ||
-	    width > SIDE_MAX || height > SIDE_MAX)
-		return verb_usage_error("exact", "--size %s is not like 640x480", value);
-	options->width = width;
-	options->height = height;
-	return 0;
-}
-
-static int option_take(struct exact_options *options, int key, const char *value)
-{
-	switch (key) {
-	case OPTION_VIEWS:
-		if (text_to_u64(value, &options->view_count) < 0 || options->view_count == 0 ||
-		    options->view_count > VIEWS_MAX)
-			return verb_usage_error("exact", "--views %s is not within 1 to %u", value,
-						VIEWS_MAX);
-		return 0;
-	case OPTION_SEED:
-		if (text_to_u64(value, &options->seed) < 0)
-			return verb_usage_error("exact", "--seed %s is no whole number", value);
-		return 0;
-	case OPTION_SIZE:
-		return size_take(options, value);
-	case OPTION_NO_VIEWER:
-		options->no_viewer = true;
-		return 0;
-	case OPTION_JSON:
-		options->is_json = true;
-		return 0;
-	default:
-		/* getopt_long() has said what. */
-		return 2;
-	}
-}
-
 int verb_exact(int argc, char **argv)
 {
-	static const struct option long_options[] = {
-		{ "views", required_argument, NULL, OPTION_VIEWS },
-		{ "seed", required_argument, NULL, OPTION_SEED },
-		{ "size", required_argument, NULL, OPTION_SIZE },
-		{ "no-viewer", no_argument, NULL, OPTION_NO_VIEWER },
-		{ "json", no_argument, NULL, OPTION_JSON },
-		{ "help", no_argument, NULL, 'h' },
-		{ NULL, 0, NULL, 0 },
-	};
-	struct exact_options options = { .view_count = 25, .seed = 1, .width = 640, .height = 480 };
+	struct exact_options options = { .view_count = 25, .seed = 1, .size = { 640, 480 } };
 	struct exact exact = { .options = &options };
+	const struct argument table[] = {
+		{ "views", ARGUMENT_NUMBER, &options.view_count, 1, VIEWS_MAX },
+		{ "seed", ARGUMENT_NUMBER, &options.seed },
+		{ "size", ARGUMENT_PICTURE, options.size, 1, SIDE_MAX },
+		{ "no-viewer", ARGUMENT_FLAG, &options.no_viewer },
+		{ "json", ARGUMENT_FLAG, &options.is_json },
+		{ NULL },
+	};
+	const struct arguments arguments = { "exact", help,
+					     table,   2,
+					     -1,      "name a store and what it was built from" };
+	char **operands;
 	struct why why = { "" };
 	bool holds = false;
-	int key;
 	int r;
 
-	while ((key = getopt_long(argc, argv, "h", long_options, NULL)) != -1) {
-		if (key == 'h') {
-			fputs(help, stdout);
-			return 0;
-		}
-		r = option_take(&options, key, optarg);
-		if (r != 0)
-			return r;
-	}
-	if (argc - optind < 2)
-		return verb_usage_error("exact", "name a store and what it was built from");
-	options.store = argv[optind];
-	options.inputs = &argv[optind + 1];
-	options.input_count = (size_t)(argc - optind - 1);
+	r = arguments_parse(&arguments, argc, argv, &operands);
+	if (r != ARGUMENTS_OK)
+		return r;
+	options.store = operands[0];
+	options.inputs = operands + 1;
+	while (options.inputs[options.input_count])
+		options.input_count++;
 	exact.random = options.seed;
 
 	r = measure_scratch_make(NULL, exact.scratch, &why);

@@ -7,7 +7,6 @@
  * memory is as it is in use (faulted in once).  Both read with O_DIRECT: the page cache has no part.
  */
 #include <errno.h>
-#include <getopt.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -19,6 +18,7 @@
 #include "formats/base/log.h"
 #include "formats/base/text.h"
 #include "libclient/ooc/client.h"
+#include "tools/bench/arguments.h"
 #include "tools/bench/bench.h"
 #include "tools/bench/measure.h"
 
@@ -402,73 +402,28 @@ static int fetch_make(struct fetch *fetch, struct why *why)
 	return r;
 }
 
-enum fetch_option {
-	OPTION_REPEATS = 256,
-	OPTION_DEPTH,
-	OPTION_LIMIT,
-	OPTION_JSON,
-};
-
-static int option_take(struct fetch_options *options, int key, const char *value)
-{
-	switch (key) {
-	case OPTION_REPEATS:
-		if (text_to_u64(value, &options->repeat_count) < 0 || options->repeat_count == 0 ||
-		    options->repeat_count > REPEATS_MAX)
-			return verb_usage_error("fetch", "--repeats %s is not within 1 to %u",
-						value, REPEATS_MAX);
-		return 0;
-	case OPTION_DEPTH:
-		if (text_to_u64(value, &options->depth) < 0 || options->depth == 0 ||
-		    options->depth > DEPTH_MAX)
-			return verb_usage_error("fetch", "--depth %s is not within 1 to %u", value,
-						DEPTH_MAX);
-		return 0;
-	case OPTION_LIMIT:
-		if (text_to_size(value, &options->limit_bytes) < 0 ||
-		    options->limit_bytes < STORE_PAYLOAD_BYTES_MAX)
-			return verb_usage_error("fetch", "--limit %s is no size of 64M or more",
-						value);
-		return 0;
-	case OPTION_JSON:
-		options->is_json = true;
-		return 0;
-	default:
-		/* getopt_long() has said what. */
-		return 2;
-	}
-}
-
 int verb_fetch(int argc, char **argv)
 {
-	static const struct option long_options[] = {
-		{ "repeats", required_argument, NULL, OPTION_REPEATS },
-		{ "depth", required_argument, NULL, OPTION_DEPTH },
-		{ "limit", required_argument, NULL, OPTION_LIMIT },
-		{ "json", no_argument, NULL, OPTION_JSON },
-		{ "help", no_argument, NULL, 'h' },
-		{ NULL, 0, NULL, 0 },
-	};
 	struct fetch_options options = { .repeat_count = 5, .depth = 16 };
 	struct fetch fetch = { .options = &options };
+	const struct argument table[] = {
+		{ "repeats", ARGUMENT_NUMBER, &options.repeat_count, 1, REPEATS_MAX },
+		{ "depth", ARGUMENT_NUMBER, &options.depth, 1, DEPTH_MAX },
+		{ "limit", ARGUMENT_SIZE, &options.limit_bytes, .min = STORE_PAYLOAD_BYTES_MAX },
+		{ "json", ARGUMENT_FLAG, &options.is_json },
+		{ NULL },
+	};
+	const struct arguments arguments = { "fetch", help, table, 1, 1, "name one store" };
+	char **operands;
 	struct why why = { "" };
-	int key;
 	int r;
 
 	options.limit_bytes =
 		(uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE) / MEMORY_SHARE;
-	while ((key = getopt_long(argc, argv, "h", long_options, NULL)) != -1) {
-		if (key == 'h') {
-			fputs(help, stdout);
-			return 0;
-		}
-		r = option_take(&options, key, optarg);
-		if (r != 0)
-			return r;
-	}
-	if (argc - optind != 1)
-		return verb_usage_error("fetch", "name one store");
-	options.store = argv[optind];
+	r = arguments_parse(&arguments, argc, argv, &operands);
+	if (r != ARGUMENTS_OK)
+		return r;
+	options.store = operands[0];
 	fetch.has_fio = measure_has_program("fio");
 	if (!fetch.has_fio)
 		log_warning("fetch: fio is not installed, so there is nothing to compare with; "

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /* oocbench path: camera paths through or around a store, as CSV. */
 #include <errno.h>
-#include <getopt.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -11,6 +10,7 @@
 #include "formats/base/log.h"
 #include "formats/base/text.h"
 #include "libclient/select/camera.h"
+#include "tools/bench/arguments.h"
 #include "tools/bench/bench.h"
 #include "tools/bench/measure.h"
 #include "tools/bench/occupancy.h"
@@ -35,7 +35,7 @@ enum path_kind {
 struct path_options {
 	const char *store;
 	const char *output; /* NULL: standard output */
-	enum path_kind kind;
+	unsigned kind;      /* enum path_kind */
 	uint64_t frame_count;
 	uint64_t seed;
 	bool is_json;
@@ -252,78 +252,30 @@ static void path_report(const struct path_options *options, const struct path_re
 	report_end(&report);
 }
 
-enum path_option {
-	OPTION_KIND = 256,
-	OPTION_FRAMES,
-	OPTION_SEED,
-	OPTION_JSON,
-};
-
-static int option_take(struct path_options *options, int key, const char *value)
-{
-	switch (key) {
-	case OPTION_KIND:
-		if (strcmp(value, "walk") == 0)
-			options->kind = PATH_WALK;
-		else if (strcmp(value, "orbit") == 0)
-			options->kind = PATH_ORBIT;
-		else
-			return verb_usage_error("path", "--kind %s is neither walk nor orbit",
-						value);
-		return 0;
-	case OPTION_FRAMES:
-		if (text_to_u64(value, &options->frame_count) < 0 || options->frame_count == 0 ||
-		    options->frame_count > FRAMES_MAX)
-			return verb_usage_error("path", "--frames %s is not within 1 to %u", value,
-						FRAMES_MAX);
-		return 0;
-	case OPTION_SEED:
-		if (text_to_u64(value, &options->seed) < 0)
-			return verb_usage_error("path", "--seed %s is no whole number", value);
-		return 0;
-	case OPTION_JSON:
-		options->is_json = true;
-		return 0;
-	case 'o':
-		options->output = value;
-		return 0;
-	default:
-		/* getopt_long() has said what. */
-		return 2;
-	}
-}
-
 int verb_path(int argc, char **argv)
 {
-	static const struct option long_options[] = {
-		{ "kind", required_argument, NULL, OPTION_KIND },
-		{ "frames", required_argument, NULL, OPTION_FRAMES },
-		{ "seed", required_argument, NULL, OPTION_SEED },
-		{ "output", required_argument, NULL, 'o' },
-		{ "json", no_argument, NULL, OPTION_JSON },
-		{ "help", no_argument, NULL, 'h' },
-		{ NULL, 0, NULL, 0 },
-	};
+	static const char *const kinds[] = { [PATH_WALK] = "walk", [PATH_ORBIT] = "orbit", NULL };
 	struct path_options options = { .frame_count = 600, .seed = 1 };
 	struct path_result result = { .cameras = NULL };
+	const struct argument table[] = {
+		{ "kind", ARGUMENT_CHOICE, &options.kind, .choices = kinds },
+		{ "frames", ARGUMENT_NUMBER, &options.frame_count, 1, FRAMES_MAX },
+		{ "seed", ARGUMENT_NUMBER, &options.seed },
+		{ "output", ARGUMENT_TEXT, &options.output, .letter = 'o' },
+		{ "json", ARGUMENT_FLAG, &options.is_json },
+		{ NULL },
+	};
+	const struct arguments arguments = { "path", help, table, 1, 1, "name one store" };
+	char **operands;
 	struct why why = { "" };
-	int key;
 	int r;
 
-	while ((key = getopt_long(argc, argv, "o:h", long_options, NULL)) != -1) {
-		if (key == 'h') {
-			fputs(help, stdout);
-			return 0;
-		}
-		r = option_take(&options, key, optarg);
-		if (r != 0)
-			return r;
-	}
-	if (argc - optind != 1)
-		return verb_usage_error("path", "name one store");
+	r = arguments_parse(&arguments, argc, argv, &operands);
+	if (r != ARGUMENTS_OK)
+		return r;
+	options.store = operands[0];
 	if (options.is_json && !options.output)
 		return verb_usage_error("path", "--json needs -o, for both go to standard output");
-	options.store = argv[optind];
 
 	r = path_make(&options, &result, &why);
 	if (r == 0)
