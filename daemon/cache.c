@@ -296,6 +296,16 @@ void cache_remove_store(struct cache *cache, struct served *served)
 	cache->store_count--;
 }
 
+/* Is it the pieces, not the bytes, that there are too few of?  Counted, to be seen in the status. */
+static void count_fragmented(const struct cache *cache, struct served *served, uint32_t pages)
+{
+	uint64_t unpinned_bytes = cache->budget_bytes - cache->pinned_bytes;
+
+	if (unpinned_bytes >= cache->budget_bytes / FRAGMENTED_SHARE &&
+	    unpinned_bytes >= (uint64_t)pages * WIRE_PAGE_BYTES)
+		served->counters.fragmented++;
+}
+
 static int take_place(struct cache *cache, struct served *served, uint32_t index, struct place *ret)
 {
 	uint32_t pages = served_pages(served, index);
@@ -311,6 +321,7 @@ static int take_place(struct cache *cache, struct served *served, uint32_t index
 	    steal(cache, served, window.youngest))
 		return -EAGAIN;
 	if (r < 0) {
+		count_fragmented(cache, served, pages);
 		drain_one(cache, served);
 		return r;
 	}

@@ -31,6 +31,9 @@
 #define CACHE_BYTES_MIN     MIB
 #define CACHE_BYTES_MAX     ((uint64_t)SEGMENT_COUNT_MAX * SEGMENT_BYTES_MAX)
 
+/** With 1 / this of the budget unpinned, no fill shall fail for want of a long enough window. */
+#define FRAGMENTED_SHARE 20u
+
 /** Payloads being read or decoded at one time. */
 #define FILL_COUNT_MAX 256u
 /** A read is at most this long, so that what matters more overtakes quickly. */

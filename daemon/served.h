@@ -36,6 +36,8 @@ struct served_counters {
 	uint64_t evictions;
 	uint64_t read_bytes;
 	uint64_t errors; /* fills that failed */
+	/* Fills that found no room, though enough for them was free in pieces too small. */
+	uint64_t fragmented;
 };
 
 struct served {

@@ -49,6 +49,7 @@ static void write_store(FILE *out, const struct served *served)
 	write_number(out, "evictions", counters->evictions);
 	write_number(out, "read_bytes", counters->read_bytes);
 	write_number(out, "errors", counters->errors);
+	write_number(out, "fragmented", counters->fragmented);
 	fputc('}', out);
 }
 
