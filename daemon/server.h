@@ -9,12 +9,15 @@
 #define DAEMON_SERVER_H
 
 #include <stdint.h>
+#include <sys/types.h>
 
+#include "daemon/accounts.h"
 #include "daemon/fetch.h"
 #include "formats/base/why.h"
 
 struct server;
 
+/** Texts and arrays outlive the server, or are replaced by a reload. */
 struct server_config {
 	const char *socket_path; /* NULL: listens on socket_fd */
 	int socket_fd;           /* bound and listening already, or -1; taken over */
@@ -25,6 +28,23 @@ struct server_config {
 	struct fetch_sim sim;
 	uint64_t idle_exit_s;  /* ends when nobody has been connected for so long; 0: never */
 	uint64_t idle_close_s; /* closes a store that nobody has had open for so long */
+
+	const char *const *stores; /* that are open whether anybody asks or not */
+	uint32_t store_count;
+	const struct account_policy *policies; /* one a uid at most */
+	uint32_t policy_count;
+	gid_t admin_gid;                 /* may steer, besides root and our user; 0: nobody else */
+	const char *replacement;         /* name of the policy; NULL: the usual */
+	const char *trace_path;          /* NULL: none */
+	const char *metrics_path;        /* file that is written anew now and then; NULL: none */
+	const char *metrics_socket_path; /* whoever connects is told; NULL: none */
+
+	/**
+	 * Reads the configuration anew; what ret points to then lives until the next successful call.
+	 * Returns: 0, or -errno with what is wrong.  NULL: there is nothing to read.
+	 */
+	int (*reload)(void *arg, struct server_config *ret, struct why *why);
+	void *reload_arg;
 };
 
 /**
@@ -36,6 +56,14 @@ int server_create(const struct server_config *config, struct server **ret, struc
 
 /** Opens a store before any client asks.  It stays open.  Returns: 0 or -errno. */
 int server_open_store(struct server *server, const char *path, struct why *why);
+
+/**
+ * Takes over what may change while it serves: cache_bytes (0: as it is), idle times, stores, policies,
+ * the group that may steer.  On failure all stays as it is.
+ *
+ * Returns: 0, -EOPNOTSUPP (there is no configuration to read), or -errno with what is wrong.
+ */
+int server_reload(struct server *server, struct why *why);
 
 /** Serves until it is told to stop.  Returns: 0 or -errno. */
 int server_run(struct server *server);
