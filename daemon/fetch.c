@@ -11,8 +11,7 @@
 #include "formats/base/check.h"
 #include "formats/base/list.h"
 
-#define FETCH_REAP_MAX 64u
-#define NO_INDEX       UINT32_MAX
+#define NO_INDEX UINT32_MAX
 
 /* A request that is not finished. */
 struct fetch_job {
@@ -82,6 +81,9 @@ int fetch_create(const struct fetch_config *config, struct fetch **ret, struct w
 	if (!fetch)
 		return why_errno(why, -ENOMEM, "fetch queue");
 	r = backend_create(config, &fetch->degraded, &fetch->backend, why);
+	if (r >= 0 && config->disk)
+		r = fetch_disk_create(config->depth, config->disk, fetch->backend, &fetch->backend,
+				      why);
 	if (r < 0) {
 		free(fetch);
 		return r;
@@ -351,8 +353,8 @@ static void on_event(struct fetch *fetch, struct fetch_event event)
 
 void fetch_dispatch(struct fetch *fetch)
 {
-	struct fetch_event events[FETCH_REAP_MAX];
-	size_t count = fetch->backend->calls->reap(fetch->backend, events, FETCH_REAP_MAX);
+	struct fetch_event events[FETCH_REAP_COUNT_MAX];
+	size_t count = fetch->backend->calls->reap(fetch->backend, events, FETCH_REAP_COUNT_MAX);
 
 	for (size_t i = 0; i < count; i++)
 		on_event(fetch, events[i]);

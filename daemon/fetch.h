@@ -7,7 +7,7 @@
  * are bounded.  It does not look at the bytes and does not know what they are for.
  *
  * Three back ends do the reading: io_uring, threads with pread(2) where io_uring is denied, and a
- * simulated one for tests.
+ * simulated one for tests.  Around each a slower disk can be put (disk.h).
  *
  * Threads: loop thread.
  * Memory: fetch_create() takes all of it.
@@ -17,6 +17,7 @@
 
 #include <stdint.h>
 
+#include "daemon/disk.h"
 #include "formats/base/why.h"
 
 struct fetch;
@@ -48,6 +49,7 @@ struct fetch_config {
 	fetch_done_fn done;
 	void *done_arg;
 	struct fetch_sim sim;
+	const struct disk_profile *disk; /* what is pretended to be read from; NULL: what it is */
 };
 
 /**

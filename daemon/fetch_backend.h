@@ -17,6 +17,8 @@
 
 #define FETCH_FILE_COUNT_MAX   512u
 #define FETCH_BUFFER_COUNT_MAX 4352u
+/** Events that are taken at one time. */
+#define FETCH_REAP_COUNT_MAX 64u
 
 struct fetch_piece {
 	uint64_t tag;
@@ -54,5 +56,13 @@ int fetch_uring_create(uint32_t depth, struct fetch_backend **ret, struct why *w
 int fetch_pread_create(uint32_t depth, struct fetch_backend **ret, struct why *why);
 int fetch_sim_create(uint32_t depth, const struct fetch_sim *sim, struct fetch_backend **ret,
 		     struct why *why);
+
+/**
+ * Puts a slower disk around a back end.
+ *
+ * inner:  taken over, whatever happens.
+ */
+int fetch_disk_create(uint32_t depth, const struct disk_profile *profile,
+		      struct fetch_backend *inner, struct fetch_backend **ret, struct why *why);
 
 #endif /* DAEMON_FETCH_BACKEND_H */

@@ -38,6 +38,8 @@ static const char usage_text[] =
 	"  --queue-depth N       reads at one time (16)\n"
 	"  --workers N           threads that verify and decode (the processors, at least 2)\n"
 	"  --io uring|pread|auto how stores are read: io_uring, threads, or what there is (auto)\n"
+	"  --disk PROFILE        read as from a slower disk, for measuring: ide-2002, hdd, sata-ssd,\n"
+	"                        share, or bytes a second and milliseconds a read, as 40M:12.5\n"
 	"  --idle-exit SECONDS   end when nobody has been connected for so long\n"
 	"  --idle-close SECONDS  close a store that nobody has had open for so long (300)\n"
 	"  --verbose             say more\n"
@@ -55,6 +57,7 @@ enum option_code {
 	OPTION_QUEUE_DEPTH,
 	OPTION_WORKERS,
 	OPTION_IO,
+	OPTION_DISK,
 	OPTION_IDLE_EXIT,
 	OPTION_IDLE_CLOSE,
 	OPTION_VERBOSE,
@@ -68,6 +71,7 @@ static const struct option options[] = {
 	{ "queue-depth", required_argument, NULL, OPTION_QUEUE_DEPTH },
 	{ "workers", required_argument, NULL, OPTION_WORKERS },
 	{ "io", required_argument, NULL, OPTION_IO },
+	{ "disk", required_argument, NULL, OPTION_DISK },
 	{ "idle-exit", required_argument, NULL, OPTION_IDLE_EXIT },
 	{ "idle-close", required_argument, NULL, OPTION_IDLE_CLOSE },
 	{ "verbose", no_argument, NULL, OPTION_VERBOSE },
@@ -80,6 +84,7 @@ struct arguments {
 	struct server_config config;
 	const char *socket_given;
 	uint64_t cache_bytes; /* 0: not said */
+	struct disk_profile disk;
 	char socket_path[SOCKET_PATH_BYTES];
 	bool verbose;
 };
@@ -118,6 +123,18 @@ static bool parse_cache_size(const char *text, uint64_t *ret)
 	return false;
 }
 
+static bool parse_disk(const char *text, struct arguments *ret)
+{
+	struct why why;
+
+	if (disk_profile_parse(text, &ret->disk, &why) < 0) {
+		log_error("--disk %s: %s", text, why.text);
+		return false;
+	}
+	ret->config.disk = &ret->disk;
+	return true;
+}
+
 static bool parse_option(int code, const char *text, struct arguments *ret)
 {
 	uint64_t number = 0;
@@ -140,6 +157,9 @@ static bool parse_option(int code, const char *text, struct arguments *ret)
 		break;
 	case OPTION_IO:
 		ok = parse_io(text, &ret->config.fetch_kind);
+		break;
+	case OPTION_DISK:
+		ok = parse_disk(text, ret);
 		break;
 	case OPTION_IDLE_EXIT:
 		ok = parse_number("idle-exit", text, 1, UINT32_MAX, &ret->config.idle_exit_s);

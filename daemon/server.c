@@ -253,6 +253,7 @@ static int create_parts(struct server *server, struct why *why)
 		.depth = config->queue_depth,
 		.done = fills_read_done,
 		.sim = config->sim,
+		.disk = config->disk,
 	};
 	int r;
 

@@ -26,6 +26,7 @@ struct server_config {
 	uint32_t worker_count;
 	enum fetch_kind fetch_kind;
 	struct fetch_sim sim;
+	const struct disk_profile *disk; /* see fetch_config */
 	uint64_t idle_exit_s;  /* ends when nobody has been connected for so long; 0: never */
 	uint64_t idle_close_s; /* closes a store that nobody has had open for so long */
 

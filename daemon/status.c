@@ -132,6 +132,12 @@ static void write_degraded(FILE *out, const struct server *server)
 			       strerror(-server->buffer_error));
 		write_sentence(&sentences, text);
 	}
+	if (server->config.disk) {
+		(void)snprintf(text, sizeof(text),
+			       "reads are slowed down on purpose (--disk %s): leave it out",
+			       server->config.disk->name);
+		write_sentence(&sentences, text);
+	}
 	if (server->cache.short_since_ns > 0)
 		write_sentence(&sentences,
 			       "memory is short: the cache is smaller than asked for: lower "

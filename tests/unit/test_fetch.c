@@ -20,6 +20,7 @@
 #include "daemon/fetch.h"
 #include "daemon/limits.h"
 #include "formats/base/bytes.h"
+#include "formats/base/clock.h"
 #include "tests/helper.h"
 
 #define FILE_BYTES    (3u * MIB + 1000u)
@@ -51,10 +52,16 @@ static void on_done(void *arg, uint64_t tag, int error)
 }
 
 /* Returns: false where io_uring is not to be had. */
-static bool reader_init(struct reader *reader, enum fetch_kind kind, struct fetch_sim sim)
+static bool reader_init_on(struct reader *reader, enum fetch_kind kind, struct fetch_sim sim,
+			   const struct disk_profile *disk)
 {
 	struct fetch_config config = {
-		.kind = kind, .depth = 8, .done = on_done, .done_arg = reader, .sim = sim
+		.kind = kind,
+		.depth = 8,
+		.done = on_done,
+		.done_arg = reader,
+		.sim = sim,
+		.disk = disk,
 	};
 	const char *path;
 	struct why why;
@@ -83,6 +90,11 @@ static bool reader_init(struct reader *reader, enum fetch_kind kind, struct fetc
 			     &reader->buffer) < 0)
 		reader->buffer = FETCH_BUFFER_NONE;
 	return true;
+}
+
+static bool reader_init(struct reader *reader, enum fetch_kind kind, struct fetch_sim sim)
+{
+	return reader_init_on(reader, kind, sim, NULL);
 }
 
 static void reader_done(struct reader *reader)
@@ -170,6 +182,35 @@ static void reads_are_right_through_short_reads_interrupts_delays_and_any_order(
 							   .interrupt_permille = 200,
 							   .delay_permille = 300,
 							   .reorder = 1 });
+}
+
+static void reads_behind_a_slower_disk_are_right_and_no_earlier_than_its_own(void **state)
+{
+	static const enum fetch_kind kinds[] = { FETCH_URING, FETCH_PREAD, FETCH_SIM };
+	static const struct disk_profile disk = { .bytes_per_s = 100 * MIB,
+						  .latency_ns = 2 * NS_PER_MS,
+						  .parallel = 1 };
+
+	(void)state;
+	for (size_t k = 0; k < ARRAY_LENGTH(kinds); k++) {
+		uint64_t begin_ns = clock_now_ns();
+		struct reader reader;
+
+		if (!reader_init_on(&reader, kinds[k], (struct fetch_sim){ .short_permille = 200 },
+				    &disk))
+			continue;
+		for (uint32_t i = 0; i < 8; i++)
+			reader_start(&reader, i, (uint64_t)i * 64 * STORE_BLOCK_BYTES, 10000);
+		reader_wait(&reader, 8);
+		for (uint32_t i = 0; i < 8; i++) {
+			assert_int_equal(reader.errors[i], 0);
+			assert_memory_equal(reader.memory + (size_t)i * SLOT_BYTES,
+					    reader.content + (size_t)i * 64 * STORE_BLOCK_BYTES,
+					    10000);
+		}
+		assert_true(clock_now_ns() - begin_ns >= 8 * disk.latency_ns);
+		reader_done(&reader);
+	}
 }
 
 static void check_end_of_file(enum fetch_kind kind)
@@ -299,6 +340,7 @@ int main(void)
 		cmocka_unit_test(reads_of_any_length_are_right_with_pread),
 		cmocka_unit_test(
 			reads_are_right_through_short_reads_interrupts_delays_and_any_order),
+		cmocka_unit_test(reads_behind_a_slower_disk_are_right_and_no_earlier_than_its_own),
 		cmocka_unit_test(a_read_past_the_end_is_an_error_on_every_back_end),
 		cmocka_unit_test(a_device_that_never_gets_anywhere_ends_in_an_error),
 		cmocka_unit_test(one_failed_piece_fails_its_request_and_no_other),
