@@ -17,3 +17,9 @@ pkg_check_modules(ASSIMP REQUIRED IMPORTED_TARGET assimp>=5.2)
 pkg_check_modules(JANSSON REQUIRED IMPORTED_TARGET jansson>=2.13)
 pkg_check_modules(CMOCKA REQUIRED IMPORTED_TARGET cmocka>=1.1)
 find_package(meshoptimizer REQUIRED)
+
+# Not on every architecture, and not in every build of the library.
+include(CheckSymbolExists)
+set(CMAKE_REQUIRED_LIBRARIES PkgConfig::XXHASH)
+check_symbol_exists(XXH3_64bits_withSeed_dispatch xxh_x86dispatch.h OOCD_HAS_XXHASH_DISPATCH)
+unset(CMAKE_REQUIRED_LIBRARIES)
