@@ -105,6 +105,13 @@ static void evict_unpinned(struct served *served, const struct segment *segment)
 	evict_range(served, segment->pages, 0, pages_count(segment->pages));
 }
 
+/* A budget that was made smaller is reached as segments go. */
+static void follow_wanted(struct cache *cache)
+{
+	if (cache->budget_bytes > cache->budget_wanted_bytes)
+		cache->budget_bytes = u64_max(cache->budget_wanted_bytes, cache->segment_bytes);
+}
+
 static void drop_segment(struct cache *cache, struct served *served, struct segment *segment)
 {
 	CHECK(segment->pinned_pages == 0);
@@ -114,6 +121,7 @@ static void drop_segment(struct cache *cache, struct served *served, struct segm
 	cache->segment_bytes -= served->arena.segment_bytes;
 	cache->released_bytes += served->arena.segment_bytes;
 	cache->segment_count--;
+	follow_wanted(cache);
 }
 
 static uint64_t age_of(void *arg, uint32_t owner)
@@ -278,6 +286,78 @@ void cache_init(struct cache *cache, uint64_t budget_bytes, const struct cache_c
 		.calls_arg = calls_arg,
 	};
 	list_init(&cache->stores);
+}
+
+/* Of all segments that are filled, the one with the fewest pages pinned; ties: the one least used. */
+static struct segment *least_pinned(struct cache *cache, struct served **ret_served)
+{
+	struct segment *best = NULL;
+	uint64_t best_age = ARENA_NEVER;
+
+	LIST_FOR_EACH (link, &cache->stores) {
+		struct served *served = store_of(link);
+
+		LIST_FOR_EACH (at, &served->arena.in_order) {
+			struct segment *segment = ARENA_SEGMENT(at);
+			uint64_t age = segment_age(served, segment);
+
+			if (segment->draining ||
+			    (best && segment->pinned_pages > best->pinned_pages) ||
+			    (best && segment->pinned_pages == best->pinned_pages &&
+			     age >= best_age))
+				continue;
+			best = segment;
+			best_age = age;
+			*ret_served = served;
+		}
+	}
+	return best;
+}
+
+/* Bytes that stay when all that is draining has gone; segments that are being made included. */
+static uint64_t staying_bytes(const struct cache *cache)
+{
+	uint64_t bytes = cache->segment_bytes;
+
+	LIST_FOR_EACH (link, &cache->stores) {
+		const struct served *served = store_of(link);
+
+		LIST_FOR_EACH (at, &served->arena.in_order)
+			bytes -= ARENA_SEGMENT(at)->draining ? served->arena.segment_bytes : 0;
+	}
+	return bytes;
+}
+
+static void shrink(struct cache *cache)
+{
+	struct served *served = NULL;
+	struct segment *segment;
+
+	while (staying_bytes(cache) > cache->budget_wanted_bytes &&
+	       (segment = least_pinned(cache, &served)) != NULL) {
+		if (segment->pinned_pages == 0) {
+			drop_segment(cache, served, segment);
+			continue;
+		}
+		segment->draining = true;
+		evict_unpinned(served, segment);
+	}
+}
+
+void cache_set_budget(struct cache *cache, uint64_t budget_bytes)
+{
+	bool larger = budget_bytes > cache->budget_wanted_bytes;
+
+	cache->budget_wanted_bytes = budget_bytes;
+	cache->short_since_ns = 0;
+	cache->budget_bytes = u64_max(budget_bytes, cache->segment_bytes);
+	if (larger)
+		LIST_FOR_EACH (link, &cache->stores)
+			LIST_FOR_EACH (at, &store_of(link)->arena.in_order)
+				ARENA_SEGMENT(at)->draining = false;
+	shrink(cache);
+	/* Whoever was refused room asks again. */
+	cache->released_bytes += budget_bytes;
 }
 
 void cache_add_store(struct cache *cache, struct served *served)
@@ -451,9 +531,12 @@ void cache_trim(struct cache *cache, uint64_t now_ns, uint64_t idle_ns)
 {
 	if (cache->short_since_ns > 0 && now_ns - cache->short_since_ns > SHORT_OF_MEMORY_NS) {
 		cache->short_since_ns = 0;
-		cache->budget_bytes = cache->budget_wanted_bytes;
+		cache->budget_bytes = u64_max(cache->budget_wanted_bytes, cache->segment_bytes);
 		cache->released_bytes += cache->budget_bytes - cache->segment_bytes;
 	}
+	/* A segment that was being made when the budget became smaller has come. */
+	if (cache->budget_bytes > cache->budget_wanted_bytes)
+		shrink(cache);
 	LIST_FOR_EACH (link, &cache->stores) {
 		struct served *served = store_of(link);
 

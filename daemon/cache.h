@@ -27,6 +27,7 @@
 #include <stdint.h>
 
 #include "daemon/served.h"
+#include "formats/base/bytes.h"
 
 /** Control that goes up. */
 struct cache_calls {
@@ -38,9 +39,10 @@ struct cache_calls {
 
 struct cache {
 	uint64_t budget_bytes;
-	uint64_t budget_wanted_bytes; /* more than budget_bytes while memory is short */
-	uint64_t short_since_ns;      /* 0: it is not */
-	uint64_t segment_bytes; /* of all stores, those being made included; <= budget_bytes */
+	/* More than budget_bytes while memory is short; less while a smaller one waits for holds to go. */
+	uint64_t budget_wanted_bytes;
+	uint64_t short_since_ns; /* 0: it is not */
+	uint64_t segment_bytes;  /* of all stores, those being made included; <= budget_bytes */
 	uint32_t segment_count;
 	uint64_t pinned_bytes;   /* of BUSY and HELD nodes */
 	uint64_t released_bytes; /* ever: grows whenever room may have appeared */
@@ -54,6 +56,18 @@ struct cache {
 
 void cache_init(struct cache *cache, uint64_t budget_bytes, const struct cache_calls *calls,
 		void *calls_arg);
+
+/**
+ * Changes the budget.  A larger one counts at once.  For a smaller one, segments that nobody has
+ * holds in go at once; as many others as it takes are filled no more and go with their last hold.
+ */
+void cache_set_budget(struct cache *cache, uint64_t budget_bytes);
+
+/** What all sessions together may hold. */
+static inline uint64_t cache_room_bytes(const struct cache *cache)
+{
+	return u64_min(cache->budget_bytes, cache->budget_wanted_bytes);
+}
 
 void cache_add_store(struct cache *cache, struct served *served);
 /** Evicts all of it; nothing of it may be BUSY or HELD, no segment being made. */

@@ -9,28 +9,31 @@
 #include <sys/resource.h>
 #include <sys/socket.h>
 #include <systemd/sd-daemon.h>
-#include <unistd.h>
 
+#include "daemon/config.h"
 #include "daemon/limits.h"
 #include "daemon/memory.h"
 #include "daemon/server.h"
+#include "formats/base/bytes.h"
 #include "formats/base/log.h"
 #include "formats/base/text.h"
 #include "libclient/wire.h"
 
 #define SOCKET_PATH_BYTES 108
+/* Stores that are named and options together. */
+#define OPTION_COUNT_MAX 512u
 
 #define EXIT_USAGE 2
 
 /* Of what is available, the cache takes 1 / this where nothing is asked for. */
-#define CACHE_SHARE        4u
-#define IDLE_CLOSE_SECONDS 300u
-#define WORKER_COUNT_USUAL 2u
+#define CACHE_SHARE 4u
 
 static const char usage_text[] =
 	"Usage: oocd [OPTION]... [STORE.ooc]...\n"
 	"Keeps the geometry of stores in memory that several viewers share.\n"
 	"\n"
+	"  --config FILE         read the configuration there; options win over it\n"
+	"  --check-config FILE   say whether a configuration is right, and end\n"
 	"  --socket PATH         listen there; else on $OOCD_SOCKET, $XDG_RUNTIME_DIR/oocd.sock\n"
 	"                        or /tmp/oocd-UID/oocd.sock\n"
 	"  --cache-size SIZE     memory for the geometry of all stores, as 256M or 4G;\n"
@@ -46,157 +49,105 @@ static const char usage_text[] =
 	"  --help, --version\n"
 	"\n"
 	"Stores named here are opened at once and stay open; others when a viewer asks.\n"
+	"SIGHUP reads the configuration again.\n"
 	"\n"
 	"Examples:\n"
 	"  oocd --cache-size 512M plant.ooc\n"
-	"  oocd --socket /tmp/test.sock --io pread --idle-exit 60\n";
+	"  oocd --socket /tmp/test.sock --io pread --idle-exit 60\n"
+	"  oocd --config /etc/oocd/oocd.conf\n";
 
 enum option_code {
-	OPTION_SOCKET = 256,
-	OPTION_CACHE_SIZE,
-	OPTION_QUEUE_DEPTH,
-	OPTION_WORKERS,
-	OPTION_IO,
-	OPTION_DISK,
-	OPTION_IDLE_EXIT,
-	OPTION_IDLE_CLOSE,
-	OPTION_VERBOSE,
+	OPTION_KEY = 256, /* config.h knows what it means */
+	OPTION_CONFIG,
+	OPTION_CHECK_CONFIG,
 	OPTION_HELP,
 	OPTION_VERSION,
 };
 
 static const struct option options[] = {
-	{ "socket", required_argument, NULL, OPTION_SOCKET },
-	{ "cache-size", required_argument, NULL, OPTION_CACHE_SIZE },
-	{ "queue-depth", required_argument, NULL, OPTION_QUEUE_DEPTH },
-	{ "workers", required_argument, NULL, OPTION_WORKERS },
-	{ "io", required_argument, NULL, OPTION_IO },
-	{ "disk", required_argument, NULL, OPTION_DISK },
-	{ "idle-exit", required_argument, NULL, OPTION_IDLE_EXIT },
-	{ "idle-close", required_argument, NULL, OPTION_IDLE_CLOSE },
-	{ "verbose", no_argument, NULL, OPTION_VERBOSE },
+	{ "config", required_argument, NULL, OPTION_CONFIG },
+	{ "check-config", required_argument, NULL, OPTION_CHECK_CONFIG },
+	{ "socket", required_argument, NULL, OPTION_KEY },
+	{ "cache-size", required_argument, NULL, OPTION_KEY },
+	{ "queue-depth", required_argument, NULL, OPTION_KEY },
+	{ "workers", required_argument, NULL, OPTION_KEY },
+	{ "io", required_argument, NULL, OPTION_KEY },
+	{ "disk", required_argument, NULL, OPTION_KEY },
+	{ "idle-exit", required_argument, NULL, OPTION_KEY },
+	{ "idle-close", required_argument, NULL, OPTION_KEY },
+	{ "verbose", no_argument, NULL, OPTION_KEY },
 	{ "help", no_argument, NULL, OPTION_HELP },
 	{ "version", no_argument, NULL, OPTION_VERSION },
 	{ NULL, 0, NULL, 0 },
 };
 
 struct arguments {
-	struct server_config config;
-	const char *socket_given;
-	uint64_t cache_bytes; /* 0: not said */
-	struct disk_profile disk;
-	char socket_path[SOCKET_PATH_BYTES];
-	bool verbose;
+	const char *config_path; /* NULL: none */
+	const char *check_path;  /* NULL: not to be checked */
+	struct config_option options[OPTION_COUNT_MAX];
+	size_t option_count;
+	char socket_path[SOCKET_PATH_BYTES]; /* where the configuration names none */
 };
 
-static bool parse_number(const char *option, const char *text, uint64_t min, uint64_t max,
-			 uint64_t *ret)
+static bool add_option(struct arguments *arguments, const char *key, const char *value)
 {
-	if (text_to_u64(text, ret) == 0 && *ret >= min && *ret <= max)
-		return true;
-	log_error("--%s %s: not a number from %llu to %llu", option, text, (unsigned long long)min,
-		  (unsigned long long)max);
-	return false;
-}
-
-static bool parse_io(const char *text, enum fetch_kind *ret)
-{
-	if (strcmp(text, "auto") == 0)
-		*ret = FETCH_AUTO;
-	else if (strcmp(text, "uring") == 0)
-		*ret = FETCH_URING;
-	else if (strcmp(text, "pread") == 0)
-		*ret = FETCH_PREAD;
-	else {
-		log_error("--io %s: not uring, pread or auto", text);
+	if (arguments->option_count == OPTION_COUNT_MAX) {
+		log_error("more than %u options and stores: use --config", OPTION_COUNT_MAX);
 		return false;
 	}
+	arguments->options[arguments->option_count++] = (struct config_option){ key, value };
 	return true;
-}
-
-static bool parse_cache_size(const char *text, uint64_t *ret)
-{
-	if (text_to_size(text, ret) == 0 && *ret >= CACHE_BYTES_MIN && *ret <= CACHE_BYTES_MAX)
-		return true;
-	log_error("--cache-size %s: not a size from 1M to %lluG, as 512M or 4G", text,
-		  (unsigned long long)(CACHE_BYTES_MAX / GIB));
-	return false;
-}
-
-static bool parse_disk(const char *text, struct arguments *ret)
-{
-	struct why why;
-
-	if (disk_profile_parse(text, &ret->disk, &why) < 0) {
-		log_error("--disk %s: %s", text, why.text);
-		return false;
-	}
-	ret->config.disk = &ret->disk;
-	return true;
-}
-
-static bool parse_option(int code, const char *text, struct arguments *ret)
-{
-	uint64_t number = 0;
-	bool ok = true;
-
-	switch (code) {
-	case OPTION_SOCKET:
-		ret->socket_given = text;
-		break;
-	case OPTION_CACHE_SIZE:
-		ok = parse_cache_size(text, &ret->cache_bytes);
-		break;
-	case OPTION_QUEUE_DEPTH:
-		ok = parse_number("queue-depth", text, 1, FETCH_DEPTH_MAX, &number);
-		ret->config.queue_depth = (uint32_t)number;
-		break;
-	case OPTION_WORKERS:
-		ok = parse_number("workers", text, 1, WORKER_COUNT_MAX, &number);
-		ret->config.worker_count = (uint32_t)number;
-		break;
-	case OPTION_IO:
-		ok = parse_io(text, &ret->config.fetch_kind);
-		break;
-	case OPTION_DISK:
-		ok = parse_disk(text, ret);
-		break;
-	case OPTION_IDLE_EXIT:
-		ok = parse_number("idle-exit", text, 1, UINT32_MAX, &ret->config.idle_exit_s);
-		break;
-	case OPTION_IDLE_CLOSE:
-		ok = parse_number("idle-close", text, 0, UINT32_MAX, &ret->config.idle_close_s);
-		break;
-	case OPTION_VERBOSE:
-		ret->verbose = true;
-		break;
-	default:
-		ok = false;
-		break;
-	}
-	return ok;
 }
 
 /* Returns: -1 to go on, or the exit status. */
 static int parse_arguments(int argc, char **argv, struct arguments *ret)
 {
+	bool ok = true;
+	int index = 0;
 	int code;
 
-	while ((code = getopt_long(argc, argv, "", options, NULL)) != -1) {
-		if (code == OPTION_HELP) {
+	while (ok && (code = getopt_long(argc, argv, "", options, &index)) != -1) {
+		switch (code) {
+		case OPTION_HELP:
 			fputs(usage_text, stdout);
 			return EXIT_SUCCESS;
-		}
-		if (code == OPTION_VERSION) {
+		case OPTION_VERSION:
 			printf("oocd %s\n", OOCD_VERSION);
 			return EXIT_SUCCESS;
-		}
-		if (!parse_option(code, optarg, ret)) {
-			fputs("Try 'oocd --help'.\n", stderr);
-			return EXIT_USAGE;
+		case OPTION_CONFIG:
+			ret->config_path = optarg;
+			break;
+		case OPTION_CHECK_CONFIG:
+			ret->check_path = optarg;
+			break;
+		case OPTION_KEY:
+			ok = add_option(ret, options[index].name, optarg ? optarg : "yes");
+			break;
+		default:
+			ok = false;
+			break;
 		}
 	}
-	return -1;
+	for (int i = optind; ok && i < argc; i++)
+		ok = add_option(ret, "store", argv[i]);
+	if (ok)
+		return -1;
+	fputs("Try 'oocd --help'.\n", stderr);
+	return EXIT_USAGE;
+}
+
+static int check_config(const char *path)
+{
+	struct config *config;
+	struct why why;
+
+	if (config_load(path, NULL, 0, &config, &why) < 0) {
+		log_error("%s", why.text);
+		return EXIT_FAILURE;
+	}
+	config_destroy(config);
+	printf("%s: right\n", path);
+	return EXIT_SUCCESS;
 }
 
 /* Refused with a message at the start, not by the kernel later. */
@@ -216,7 +167,7 @@ static int choose_cache_size(uint64_t asked_bytes, uint64_t *ret, struct why *wh
 	if (asked_bytes > memory.bytes)
 		return why_set(why, -ENOMEM,
 			       "a cache of %s cannot be had: %s leaves %s: give a smaller "
-			       "--cache-size",
+			       "cache-size",
 			       text_from_size(asked_bytes, asked), memory.limited_by,
 			       text_from_size(memory.bytes, available));
 	*ret = asked_bytes;
@@ -244,61 +195,91 @@ static void raise_descriptor_limit(void)
 	(void)setrlimit(RLIMIT_NOFILE, &limit);
 }
 
-static int start(struct arguments *arguments, char *const *stores, struct server **ret,
+/* Where to listen: a path that is said, the socket handed over, or the usual path. */
+static int choose_socket(struct arguments *arguments, struct server_config *config, struct why *why)
+{
+	const char *given = config->socket_path;
+
+	config->socket_fd = given ? -1 : handed_socket();
+	if (config->socket_fd >= 0)
+		return 0;
+	if (wire_socket_path(given, arguments->socket_path, sizeof(arguments->socket_path)) < 0)
+		return why_set(why, -ENAMETOOLONG,
+			       "the path of the socket is too long: use --socket");
+	config->socket_path = arguments->socket_path;
+	return 0;
+}
+
+static int start(struct arguments *arguments, const struct config *config, struct server **ret,
 		 struct why *why)
 {
-	struct server_config *config = &arguments->config;
+	struct server_config chosen = config->server;
 	int r;
 
-	r = choose_cache_size(arguments->cache_bytes, &config->cache_bytes, why);
+	r = choose_cache_size(chosen.cache_bytes, &chosen.cache_bytes, why);
+	if (r == 0)
+		r = choose_socket(arguments, &chosen, why);
+	if (r == 0)
+		r = server_create(&chosen, ret, why);
 	if (r < 0)
 		return r;
-	config->socket_fd = arguments->socket_given ? -1 : handed_socket();
-	if (config->socket_fd < 0) {
-		r = wire_socket_path(arguments->socket_given, arguments->socket_path,
-				     sizeof(arguments->socket_path));
-		if (r < 0)
-			return why_set(why, r, "the socket's path is too long: use --socket");
-		config->socket_path = arguments->socket_path;
-	}
-	r = server_create(config, ret, why);
-	if (r < 0)
-		return r;
-	for (; *stores; stores++) {
-		r = server_open_store(*ret, *stores, why);
+	for (uint32_t i = 0; i < chosen.store_count; i++) {
+		r = server_open_store(*ret, chosen.stores[i], why);
 		if (r < 0) {
 			*ret = server_destroy(*ret);
 			return r;
 		}
 	}
-	log_debug("serving on %s", config->socket_path ? config->socket_path : "the socket given");
+	log_debug("serving on %s", chosen.socket_path ? chosen.socket_path : "the socket given");
 	return 0;
 }
 
-int main(int argc, char **argv)
+/* What a running daemon is configured by. */
+struct program {
+	struct arguments arguments;
+	struct config *first; /* what cannot be changed stays in use */
+	struct config *newest;
+	struct config *read; /* and not yet taken or refused */
+};
+
+/* See server_config.reload. */
+static int reload(void *arg, struct server_config *ret, struct why *why)
 {
-	long processors = sysconf(_SC_NPROCESSORS_ONLN);
-	struct arguments arguments = {
-		.config = {
-			.socket_fd = -1,
-			.queue_depth = FETCH_DEPTH_USUAL,
-			.worker_count = processors < WORKER_COUNT_USUAL ? WORKER_COUNT_USUAL
-					: processors > WORKER_COUNT_MAX ? WORKER_COUNT_MAX
-									: (uint32_t)processors,
-			.idle_close_s = IDLE_CLOSE_SECONDS,
-		},
-	};
+	struct program *program = arg;
+	const struct arguments *arguments = &program->arguments;
+	int r;
+
+	r = config_load(arguments->config_path, arguments->options, arguments->option_count,
+			&program->read, why);
+	if (r == 0)
+		*ret = program->read->server;
+	return r;
+}
+
+static void reload_done(void *arg, bool taken)
+{
+	struct program *program = arg;
+	struct config *unused = taken ? program->newest : program->read;
+
+	if (taken)
+		program->newest = program->read;
+	program->read = NULL;
+	if (unused != program->first)
+		config_destroy(unused);
+}
+
+static int serve(struct program *program)
+{
 	struct server *server = NULL;
 	struct why why;
 	int r;
 
-	log_init("oocd", LOG_LEVEL_INFO);
-	r = parse_arguments(argc, argv, &arguments);
-	if (r >= 0)
-		return r;
-	log_init("oocd", arguments.verbose ? LOG_LEVEL_DEBUG : LOG_LEVEL_INFO);
-	raise_descriptor_limit();
-	r = start(&arguments, argv + optind, &server, &why);
+	if (program->arguments.config_path) {
+		program->first->server.reload = reload;
+		program->first->server.reload_done = reload_done;
+		program->first->server.reload_arg = program;
+	}
+	r = start(&program->arguments, program->first, &server, &why);
 	if (r < 0) {
 		log_error("%s", why.text);
 		return EXIT_FAILURE;
@@ -310,4 +291,33 @@ int main(int argc, char **argv)
 	if (r < 0)
 		log_error("the event loop failed: %s", strerror(-r));
 	return r < 0 ? EXIT_FAILURE : EXIT_SUCCESS;
+}
+
+int main(int argc, char **argv)
+{
+	static struct program program;
+	struct arguments *arguments = &program.arguments;
+	struct why why;
+	int r;
+
+	log_init("oocd", LOG_LEVEL_INFO);
+	r = parse_arguments(argc, argv, arguments);
+	if (r >= 0)
+		return r;
+	if (arguments->check_path)
+		return check_config(arguments->check_path);
+	r = config_load(arguments->config_path, arguments->options, arguments->option_count,
+			&program.first, &why);
+	if (r < 0) {
+		log_error("%s", why.text);
+		return r == -EINVAL ? EXIT_USAGE : EXIT_FAILURE;
+	}
+	program.newest = program.first;
+	log_init("oocd", program.first->verbose ? LOG_LEVEL_DEBUG : LOG_LEVEL_INFO);
+	raise_descriptor_limit();
+	r = serve(&program);
+	if (program.newest != program.first)
+		config_destroy(program.newest);
+	config_destroy(program.first);
+	return r;
 }

@@ -9,6 +9,7 @@
 #include <string.h>
 #include <sys/epoll.h>
 #include <sys/socket.h>
+#include <systemd/sd-daemon.h>
 #include <time.h>
 
 #include "daemon/limits.h"
@@ -231,6 +232,28 @@ static void on_fill_ended(void *arg, const struct fill_result *result)
 		session_fill_ended(LIST_ENTRY(link, struct session, link), result);
 }
 
+/* SIGHUP.  Without a configuration to read it means what it always did: the terminal is gone. */
+static int on_reload(sd_event_source *source, const struct signalfd_siginfo *info, void *arg)
+{
+	struct server *server = arg;
+	struct why why;
+
+	(void)source;
+	(void)info;
+	if (!server->config.reload) {
+		stop(server);
+		return 0;
+	}
+	(void)sd_notifyf(0, "RELOADING=1\nMONOTONIC_USEC=%llu",
+			 (unsigned long long)(clock_now_ns() / NS_PER_US));
+	if (server_reload(server, &why) < 0)
+		log_error("reload: %s; all is as it was", why.text);
+	else
+		log_info("reloaded");
+	(void)sd_notify(0, "READY=1");
+	return 0;
+}
+
 static int on_signal(sd_event_source *source, const struct signalfd_siginfo *info, void *arg)
 {
 	(void)source;
@@ -286,11 +309,14 @@ static int add_sources(struct server *server)
 	(void)sigemptyset(&signals);
 	(void)sigaddset(&signals, SIGTERM);
 	(void)sigaddset(&signals, SIGINT);
+	(void)sigaddset(&signals, SIGHUP);
 	if (sigprocmask(SIG_BLOCK, &signals, NULL) < 0)
 		return -errno;
 	r = sd_event_add_signal(event, NULL, SIGTERM, on_signal, server);
 	if (r >= 0)
 		r = sd_event_add_signal(event, NULL, SIGINT, on_signal, server);
+	if (r >= 0)
+		r = sd_event_add_signal(event, NULL, SIGHUP, on_reload, server);
 	if (r >= 0)
 		r = sd_event_add_defer(event, &server->round_source, on_round, server);
 	if (r >= 0)

@@ -8,6 +8,7 @@
 #ifndef DAEMON_SERVER_H
 #define DAEMON_SERVER_H
 
+#include <stdbool.h>
 #include <stdint.h>
 #include <sys/types.h>
 
@@ -41,15 +42,19 @@ struct server_config {
 	const char *metrics_socket_path; /* whoever connects is told; NULL: none */
 
 	/**
-	 * Reads the configuration anew; what ret points to then lives until the next successful call.
+	 * Reads the configuration anew.  reload_done() follows where it succeeds: what of ret is
+	 * taken is used until the next one is, and what is not taken may go.
+	 *
 	 * Returns: 0, or -errno with what is wrong.  NULL: there is nothing to read.
 	 */
 	int (*reload)(void *arg, struct server_config *ret, struct why *why);
+	void (*reload_done)(void *arg, bool taken);
 	void *reload_arg;
 };
 
 /**
- * Signals SIGTERM and SIGINT are blocked from here on, and end the server.
+ * Signals SIGTERM, SIGINT and SIGHUP are blocked from here on; the first two end the server, the last
+ * one reloads it where there is a configuration, and ends it where there is none.
  *
  * Returns: 0, -EADDRINUSE (somebody serves that socket), or another -errno with what to do.
  */

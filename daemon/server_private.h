@@ -60,6 +60,13 @@ void server_close_idle(struct server *server, uint64_t now_ns);
 /** Closes all, for good: nothing is in flight, nobody is attached. */
 void server_close_stores(struct server *server);
 
+/**
+ * Has a store open that a changed configuration names.  It is opened on a worker; a failure is logged.
+ *
+ * Returns: 0, or -errno when it is no file that can be read.
+ */
+int server_want_store(struct server *server, const char *path, struct why *why);
+
 /* ---- status.c ---- */
 
 /** The status as JSON.  Ownership: free().  NULL: no memory. */

@@ -87,15 +87,18 @@ static int store_install(struct server *server, struct served *served, struct wh
 	return 0;
 }
 
-int server_open_store(struct server *server, const char *path, struct why *why)
+/*
+ * Opens a named store's file.  *ret_known is the store when it is open already: the same store twice
+ * is once.
+ */
+static int open_named(struct server *server, const char *path, int *ret_fd,
+		      struct served **ret_known, struct why *why)
 {
-	struct served *served;
 	dev_t device;
 	ino_t inode;
-	int fd;
+	int fd = open(path, O_RDONLY | O_CLOEXEC | O_NOCTTY | O_NONBLOCK);
 	int r;
 
-	fd = open(path, O_RDONLY | O_CLOEXEC | O_NOCTTY | O_NONBLOCK);
 	if (fd < 0)
 		return why_errno(why, -errno, "%s", path);
 	r = served_identify(fd, &device, &inode, why);
@@ -104,8 +107,22 @@ int server_open_store(struct server *server, const char *path, struct why *why)
 		why_prefix(why, "%s", path);
 		return r;
 	}
-	/* The same store twice is once. */
-	if (store_find(server, device, inode)) {
+	*ret_fd = fd;
+	*ret_known = store_find(server, device, inode);
+	return 0;
+}
+
+int server_open_store(struct server *server, const char *path, struct why *why)
+{
+	struct served *served;
+	int fd;
+	int r;
+
+	r = open_named(server, path, &fd, &served, why);
+	if (r < 0)
+		return r;
+	if (served) {
+		served->keep = true;
 		(void)fd_close(fd);
 		return 0;
 	}
@@ -124,7 +141,7 @@ int server_open_store(struct server *server, const char *path, struct why *why)
 struct open_job {
 	struct worker_job job;
 	struct server *server;
-	uint32_t session;
+	uint32_t session; /* 0: nobody's; the configuration names the store */
 	uint32_t slot;
 	uint32_t ticket;
 	int fd;
@@ -196,49 +213,84 @@ static void open_done(struct worker_job *job)
 		session_opened(session, self->slot, self->ticket, served);
 	else if (session)
 		session_refuse(session, self->slot, self->ticket, self->error, &self->why);
+	else if (self->session == 0 && served)
+		served->keep = true;
+	else if (self->session == 0)
+		log_error("%s: %s; the other stores are served", self->path, self->why.text);
 	if (self->known)
 		self->known->attach_count--;
 	server_active(self->server);
 	free(self);
 }
 
+/*
+ * Starts to open a store on a worker.  known: that the file is of, as far as device and inode say;
+ * NULL: none.  Returns: 0; or -ENOMEM or -EAGAIN, after which fd is still the caller's.
+ */
+static int open_start(struct server *server, int fd, const char *path, struct served *known,
+		      const struct open_job *asked, struct why *why)
+{
+	struct open_job *job;
+
+	if (server->opening_count == OPENING_COUNT_MAX)
+		return why_set(why, -EAGAIN, "too many stores are being opened: try again");
+	job = calloc(1, sizeof(*job));
+	if (!job)
+		return why_errno(why, -ENOMEM, "opening a store");
+	*job = *asked;
+	job->job = (struct worker_job){ .run = open_run, .done = open_done };
+	list_init(&job->job.link);
+	job->server = server;
+	job->fd = fd;
+	(void)snprintf(job->path, sizeof(job->path), "%s", path);
+	job->known = known;
+	if (known) {
+		known->attach_count++;
+		memcpy(job->uuid, known->superblock->uuid, sizeof(job->uuid));
+		job->generation = known->superblock->generation;
+	}
+	server->opening_count++;
+	workers_add(server->workers, &job->job);
+	return 0;
+}
+
 void server_open(struct server *server, struct session *session, uint32_t slot, uint32_t ticket,
 		 int fd, const char *path)
 {
-	struct open_job *job = NULL;
+	const struct open_job asked = {
+		.session = session->number,
+		.slot = slot,
+		.ticket = ticket,
+	};
 	struct why why;
 	dev_t device;
 	ino_t inode;
 	int r = served_identify(fd, &device, &inode, &why);
 
-	if (r == 0 && server->opening_count == OPENING_COUNT_MAX)
-		r = why_set(&why, -EAGAIN, "too many stores are being opened: try again");
-	if (r == 0) {
-		job = calloc(1, sizeof(*job));
-		if (!job)
-			r = why_errno(&why, -ENOMEM, "opening a store");
-	}
+	if (r == 0)
+		r = open_start(server, fd, path, store_find(server, device, inode), &asked, &why);
 	if (r < 0) {
 		(void)fd_close(fd);
 		session_refuse(session, slot, ticket, r, &why);
-		return;
 	}
-	job->job = (struct worker_job){ .run = open_run, .done = open_done };
-	list_init(&job->job.link);
-	job->server = server;
-	job->session = session->number;
-	job->slot = slot;
-	job->ticket = ticket;
-	job->fd = fd;
-	(void)snprintf(job->path, sizeof(job->path), "%s", path);
-	job->known = store_find(server, device, inode);
-	if (job->known) {
-		job->known->attach_count++;
-		memcpy(job->uuid, job->known->superblock->uuid, sizeof(job->uuid));
-		job->generation = job->known->superblock->generation;
+}
+
+int server_want_store(struct server *server, const char *path, struct why *why)
+{
+	const struct open_job asked = { .session = 0 };
+	struct served *known;
+	int fd;
+	int r;
+
+	r = open_named(server, path, &fd, &known, why);
+	if (r < 0)
+		return r;
+	r = open_start(server, fd, path, known, &asked, why);
+	if (r < 0) {
+		(void)fd_close(fd);
+		why_prefix(why, "%s", path);
 	}
-	server->opening_count++;
-	workers_add(server->workers, &job->job);
+	return r;
 }
 
 void server_close_idle(struct server *server, uint64_t now_ns)

@@ -160,6 +160,7 @@ static void write_status(FILE *out, struct server *server)
 	write_number(out, "queue_depth", server->config.queue_depth);
 	write_number(out, "reads_in_flight", fetch_in_flight(server->fetch));
 	write_number(out, "fills_in_flight", fills_count(server->fills));
+	write_number(out, "store_count", server->cache.store_count);
 	fputs(",\"stores\":[", out);
 	LIST_FOR_EACH (link, &server->cache.stores) {
 		fputs(separator, out);

@@ -175,7 +175,7 @@ static void admit(struct visible *visible)
 {
 	const struct cache *cache = visible->cache;
 	uint64_t pinned_pages = cache->pinned_bytes / WIRE_PAGE_BYTES;
-	uint64_t room_pages = cache->budget_bytes / WIRE_PAGE_BYTES;
+	uint64_t room_pages = cache_room_bytes(cache) / WIRE_PAGE_BYTES;
 	uint64_t own_pages = 0;
 	uint64_t sum_pages = 0;
 	uint64_t need_pages = 0;
@@ -537,6 +537,12 @@ void visible_retry(struct visible *visible)
 		return;
 	/* What was let go may lie where it joins something. */
 	visible->unusable_pages -= (visible->unusable_pages + 3) / 4;
+	admit(visible);
+}
+
+void visible_room_changed(struct visible *visible)
+{
+	visible->unusable_pages = 0;
 	admit(visible);
 }
 

@@ -153,6 +153,9 @@ void visible_note_quiet(struct visible *visible);
 /** Admits again what was refused for room, if enough of it has appeared. */
 void visible_retry(struct visible *visible);
 
+/** Admits all anew: the session may hold more than before, or less. */
+void visible_room_changed(struct visible *visible);
+
 /** For queues.h. */
 bool visible_next(struct visible *visible, struct queue_want *ret);
 void visible_begun(struct visible *visible, const struct queue_want *want, int error);

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-foreach(module pages arena disk fetch cache visible)
+foreach(module pages arena disk fetch cache visible config)
 	oocd_test(test_${module} unit SOURCES unit/test_${module}.c LINK oocd_core oocd_test_helper)
 endforeach()
 
@@ -17,6 +17,8 @@ oocd_test(test_daemon_faults integration SOURCES integration/test_daemon_faults.
 oocd_test(test_daemon_program integration SOURCES integration/test_daemon_program.c
 	LINK oocd_daemon_kit)
 add_dependencies(test_daemon_program oocd)
+
+oocd_test(test_reload integration SOURCES integration/test_reload.c LINK oocd_daemon_kit)
 
 oocd_test(test_torn stress SOURCES stress/test_torn.c LINK oocd_daemon_kit)
 
