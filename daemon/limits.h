@@ -15,6 +15,17 @@
 
 /** Clients at one time; the next one is told so and closed. */
 #define SESSION_COUNT_MAX 1024u
+/** And of one user, unless its policy says otherwise: half, so that no user keeps all others out. */
+#define ACCOUNT_SESSION_COUNT_MAX (SESSION_COUNT_MAX / 2)
+/** Accounts kept for what they say of users who are not connected. */
+#define ACCOUNT_COUNT_KEPT 64u
+/** A user's weight, unless its policy says otherwise. */
+#define ACCOUNT_WEIGHT_USUAL 100u
+/** Lines about one user's clients in so many seconds; what comes beyond is only counted. */
+#define ACCOUNT_LOG_LINES_MAX 10u
+#define ACCOUNT_LOG_SECONDS   10u
+/** Connections taken in one round, so that a storm of them starves nobody who is connected. */
+#define ACCEPT_COUNT_MAX 8u
 /** Stores open at one time, idle ones included. */
 #define SERVED_COUNT_MAX 256u
 /** Segments of all stores together: entries of the ring's table of buffers. */

@@ -5,6 +5,7 @@
 #include <poll.h>
 #include <signal.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
@@ -42,6 +43,7 @@ static void check_now_and_then(struct server *server)
 	if (server->round_count++ % CHECK_ROUNDS > 0)
 		return;
 	cache_check(&server->cache);
+	accounts_check(&server->accounts);
 	LIST_FOR_EACH (link, &server->sessions)
 		visible_check(&LIST_ENTRY(link, struct session, link)->visible);
 #else
@@ -130,11 +132,19 @@ static void call_active(void *arg)
 	server_active(arg);
 }
 
+static void end_session(struct session *session)
+{
+	struct account *account = session->account;
+
+	session_destroy(session);
+	account_leave(account);
+}
+
 static void call_gone(void *arg, struct session *session)
 {
 	struct server *server = arg;
 
-	session_destroy(session);
+	end_session(session);
 	server->session_count--;
 	/* What it held may be what others wait for. */
 	server_active(server);
@@ -147,21 +157,41 @@ static const struct session_calls session_calls = {
 	.gone = call_gone,
 };
 
-static void refuse_client(int fd)
+/* Told in one line, and closed. */
+static void refuse_client(int fd, const struct why *why)
 {
 	struct wire_error message = { .error = -EAGAIN, .version = WIRE_VERSION };
 
-	(void)why_set((struct why *)(void *)message.text, 0, "%u clients are connected already",
-		      SESSION_COUNT_MAX);
+	(void)snprintf(message.text, sizeof(message.text), "%s", why->text);
 	wire_header_init(&message.header, WIRE_ERROR, sizeof(message));
 	(void)wire_send(fd, &message, sizeof(message), NULL, 0);
 	(void)fd_close(fd);
 }
 
-/* One a round, so that a storm of connections does not starve those who are connected. */
-static int on_listen(sd_event_source *source, int listen_fd, uint32_t events, void *arg)
+/* The account of who is at the other end, or a reason why there may be no session. */
+static int join_account(struct server *server, int fd, struct account **ret, struct why *why)
 {
-	struct server *server = arg;
+	struct ucred peer;
+	socklen_t length = sizeof(peer);
+	struct account *account = NULL;
+	uint64_t unlogged_count;
+	int r;
+
+	if (getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &peer, &length) < 0)
+		return why_errno(why, -errno, "a client's user");
+	if (server->session_count == SESSION_COUNT_MAX)
+		return why_set(why, -EAGAIN, "%u clients are connected already: close one",
+			       SESSION_COUNT_MAX);
+	r = accounts_join(&server->accounts, peer.uid, &account, why);
+	if (r == -EAGAIN && account_may_log(account, clock_now_ns(), &unlogged_count))
+		log_warning("a client (pid %d) is refused: %s", (int)peer.pid, why->text);
+	if (r == 0)
+		*ret = account;
+	return r;
+}
+
+static void add_client(struct server *server, int fd)
+{
 	struct session_config config = {
 		.calls = &session_calls,
 		.calls_arg = server,
@@ -174,30 +204,41 @@ static int on_listen(sd_event_source *source, int listen_fd, uint32_t events, vo
 	};
 	struct session *session;
 	struct why why;
-	int fd = accept4(listen_fd, NULL, NULL, SOCK_CLOEXEC | SOCK_NONBLOCK);
 
-	(void)events;
-	if (fd < 0) {
-		/* The socket stays readable: without this the loop would spin. */
-		if (errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == ENOBUFS) {
-			log_warning("a client cannot be accepted: %s", strerror(errno));
-			(void)sd_event_source_set_enabled(source, SD_EVENT_OFF);
-		}
-		return 0;
-	}
-	if (server->session_count == SESSION_COUNT_MAX) {
-		refuse_client(fd);
-		return 0;
+	if (join_account(server, fd, &config.account, &why) < 0) {
+		refuse_client(fd, &why);
+		return;
 	}
 	if (session_create(&config, fd, &session, &why) < 0) {
 		log_warning("a client cannot be served: %s", why.text);
-		return 0;
+		account_leave(config.account);
+		return;
 	}
 	if (++server->next_number == 0)
 		server->next_number = 1;
 	list_push_back(&server->sessions, &session->link);
 	server->session_count++;
 	server->idle_since_ns = 0;
+}
+
+/* Some a round, so that a storm of connections starves neither those connected nor those behind it. */
+static int on_listen(sd_event_source *source, int listen_fd, uint32_t events, void *arg)
+{
+	(void)events;
+	for (uint32_t i = 0; i < ACCEPT_COUNT_MAX; i++) {
+		int fd = accept4(listen_fd, NULL, NULL, SOCK_CLOEXEC | SOCK_NONBLOCK);
+
+		if (fd >= 0) {
+			add_client(arg, fd);
+			continue;
+		}
+		/* The socket stays readable: without this the loop would spin. */
+		if (errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == ENOBUFS) {
+			log_warning("a client cannot be accepted: %s", strerror(errno));
+			(void)sd_event_source_set_enabled(source, SD_EVENT_OFF);
+		}
+		break;
+	}
 	return 0;
 }
 
@@ -361,6 +402,7 @@ int server_create(const struct server_config *config, struct server **ret, struc
 	server->epoch = make_epoch();
 	server->start_ns = clock_now_ns();
 	server->next_number = 1;
+	accounts_init(&server->accounts, config->policies, config->policy_count);
 	list_init(&server->sessions);
 	list_init(&server->cache.stores);
 	r = config->socket_path ? listener_open(config->socket_path, &server->listener, why)
@@ -421,8 +463,9 @@ struct server *server_destroy(struct server *server)
 	drain(server);
 	LIST_FOR_EACH (link, &server->sessions) {
 		session_freeze(LIST_ENTRY(link, struct session, link));
-		session_destroy(LIST_ENTRY(link, struct session, link));
+		end_session(LIST_ENTRY(link, struct session, link));
 	}
+	accounts_done(&server->accounts);
 	server->workers = workers_destroy(server->workers);
 	server->fetch = fetch_destroy(server->fetch);
 	server->fills = fills_destroy(server->fills);

@@ -6,6 +6,7 @@
 #include <stdbool.h>
 #include <systemd/sd-event.h>
 
+#include "daemon/accounts.h"
 #include "daemon/cache.h"
 #include "daemon/fetch.h"
 #include "daemon/fills.h"
@@ -34,6 +35,7 @@ struct server {
 	struct fills *fills;
 	struct queues queues;
 
+	struct accounts accounts;
 	struct list sessions;
 	uint32_t session_count;
 	uint32_t next_number;

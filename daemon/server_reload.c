@@ -113,6 +113,7 @@ int server_reload(struct server *server, struct why *why)
 	config->idle_close_s = wanted.idle_close_s;
 	config->policies = wanted.policies;
 	config->policy_count = wanted.policy_count;
+	accounts_set_policies(&server->accounts, wanted.policies, wanted.policy_count);
 	config->admin_gid = wanted.admin_gid;
 	config->stores = wanted.stores;
 	config->store_count = wanted.store_count;

@@ -21,6 +21,13 @@ static_assert(sizeof(struct wire_not_now) + REFUSALS_MAX * sizeof(struct wire_re
 
 /* ---- answers ---- */
 
+static int send_message(struct session *session, const void *message, size_t message_bytes,
+			const int *fds, size_t fd_count)
+{
+	session->account->sent_bytes += message_bytes;
+	return connection_send(session->connection, message, message_bytes, fds, fd_count);
+}
+
 static void send_error(struct session *session, int error, uint16_t type, uint32_t slot,
 		       const struct why *why)
 {
@@ -34,7 +41,7 @@ static void send_error(struct session *session, int error, uint16_t type, uint32
 	wire_header_init(&message.header, WIRE_ERROR, sizeof(message));
 	/* Not copied whole: what lies behind a reason's end is nobody's business. */
 	(void)snprintf(message.text, sizeof(message.text), "%s", why->text);
-	(void)connection_send(session->connection, &message, sizeof(message), NULL, 0);
+	(void)send_message(session, &message, sizeof(message), NULL, 0);
 }
 
 /* The client broke a rule: it is told which, and dropped. */
@@ -56,8 +63,7 @@ static void send_segment(struct session *session, uint32_t slot, const struct se
 	};
 
 	wire_header_init(&message.header, WIRE_SEGMENT, sizeof(message));
-	(void)connection_send(session->connection, &message, sizeof(message),
-			      &segment->memfile.read_fd, 1);
+	(void)send_message(session, &message, sizeof(message), &segment->memfile.read_fd, 1);
 }
 
 static void send_opened(struct session *session, uint32_t slot)
@@ -81,8 +87,7 @@ static void send_opened(struct session *session, uint32_t slot)
 
 	wire_header_init(&message.header, WIRE_OPENED, sizeof(message));
 	memcpy(message.uuid, served->superblock->uuid, sizeof(message.uuid));
-	(void)connection_send(session->connection, &message, sizeof(message), fds,
-			      ARRAY_LENGTH(fds));
+	(void)send_message(session, &message, sizeof(message), fds, ARRAY_LENGTH(fds));
 	LIST_FOR_EACH (link, &served->arena.in_order)
 		send_segment(session, slot, ARENA_SEGMENT(link));
 }
@@ -132,8 +137,7 @@ void session_tell_segment_gone(struct session *session, const struct served *ser
 	for (uint64_t slots = session->visible.attached; slots != 0; slots &= slots - 1) {
 		message.store = (uint32_t)__builtin_ctzll(slots);
 		if (session->visible.attachments[message.store]->served == served)
-			(void)connection_send(session->connection, &message, sizeof(message), NULL,
-					      0);
+			(void)send_message(session, &message, sizeof(message), NULL, 0);
 	}
 }
 
@@ -156,8 +160,7 @@ static void on_hello(struct session *session, const struct wire_hello *hello)
 	memcpy(session->name, hello->name, sizeof(session->name));
 	session->state = SESSION_READY;
 	wire_header_init(&message.header, WIRE_WELCOME, sizeof(message));
-	(void)connection_send(session->connection, &message, sizeof(message),
-			      &session->page_file.read_fd, 1);
+	(void)send_message(session, &message, sizeof(message), &session->page_file.read_fd, 1);
 }
 
 static void on_open(struct session *session, const struct wire_open *open, int fd)
@@ -275,6 +278,7 @@ static void on_prefetch(struct session *session, const struct wire_prefetch *pre
 	memcpy(session->prefetch, prefetch->entries,
 	       session->prefetch_count * sizeof(*session->prefetch));
 	session->prefetch_next = 0;
+	session->account->prefetch_count += session->prefetch_count;
 	session->prefetch_bytes = session->cache->budget_bytes / PREFETCH_SHARE;
 	queues_add_prefetch(session->queues, &session->queue_entry);
 	session->calls->active(session->calls_arg);
@@ -363,7 +367,7 @@ static void send_refusals(struct session *session)
 	message->reserved = 0;
 	wire_header_init(&message->header, WIRE_NOT_NOW,
 			 sizeof(*message) + count * sizeof(message->entries[0]));
-	(void)connection_send(session->connection, message, message->header.bytes, NULL, 0);
+	(void)send_message(session, message, message->header.bytes, NULL, 0);
 }
 
 static void send_text(struct session *session)
@@ -378,7 +382,7 @@ static void send_text(struct session *session)
 	message->last = session->text_sent == session->text_bytes;
 	message->text_bytes = (uint32_t)piece_bytes;
 	wire_header_init(&message->header, WIRE_TEXT, sizeof(*message) + piece_bytes);
-	(void)connection_send(session->connection, message, message->header.bytes, NULL, 0);
+	(void)send_message(session, message, message->header.bytes, NULL, 0);
 	if (message->last) {
 		free(session->text);
 		session->text = NULL;
@@ -400,7 +404,7 @@ static void send_event(struct session *session)
 
 	wire_header_init(&message.header, WIRE_EVENT, sizeof(message));
 	session->visible.changed = false;
-	(void)connection_send(session->connection, &message, sizeof(message), NULL, 0);
+	(void)send_message(session, &message, sizeof(message), NULL, 0);
 }
 
 /* Refusals go before what settles the set, so that whoever sees it settled can know why. */
@@ -452,11 +456,15 @@ void session_tell(struct session *session, uint64_t used_bytes)
 
 void session_fill_ended(struct session *session, const struct fill_result *result)
 {
+	struct account *account = session->account;
 	_Atomic uint64_t *bytes =
 		result->prefetch ? &session->page->prefetched_bytes : &session->page->fetched_bytes;
 
-	if (result->session == session->number && result->reason == WIRE_REASON_NONE)
+	if (result->session == session->number && result->reason == WIRE_REASON_NONE) {
 		atomic_fetch_add_explicit(bytes, result->read_bytes, memory_order_relaxed);
+		*(result->prefetch ? &account->prefetched_bytes : &account->fetched_bytes) +=
+			result->read_bytes;
+	}
 	visible_fill_ended(&session->visible, result);
 }
 
@@ -528,11 +536,17 @@ static const struct queue_calls queue_calls = {
 static void on_gone(void *arg, const struct why *why)
 {
 	struct session *session = arg;
+	uint64_t unlogged_count;
 
-	if (why)
+	if (why && account_may_log(session->account, clock_now_ns(), &unlogged_count)) {
 		log_warning("client %d (%s, uid %d): dropped: %s",
 			    (int)connection_pid(session->connection), session->name,
 			    (int)connection_uid(session->connection), why->text);
+		if (unlogged_count > 0)
+			log_warning("%llu lines about clients of uid %d were left out",
+				    (unsigned long long)unlogged_count,
+				    (int)connection_uid(session->connection));
+	}
 	session->calls->gone(session->calls_arg, session);
 }
 
@@ -557,6 +571,7 @@ int session_create(const struct session_config *config, int socket_fd, struct se
 	session->calls_arg = config->calls_arg;
 	session->cache = config->cache;
 	session->queues = config->queues;
+	session->account = config->account;
 	session->number = config->number;
 	session->epoch = config->epoch;
 	session->born_ns = clock_now_ns();

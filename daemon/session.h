@@ -19,6 +19,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "daemon/accounts.h"
 #include "daemon/connection.h"
 #include "daemon/queues.h"
 #include "daemon/visible.h"
@@ -57,6 +58,7 @@ struct session {
 	struct connection *connection;
 	const struct session_calls *calls;
 	void *calls_arg;
+	struct account *account; /* of its user */
 	struct cache *cache;
 	struct queues *queues;
 	uint64_t epoch;
@@ -91,6 +93,7 @@ struct session {
 struct session_config {
 	const struct session_calls *calls;
 	void *calls_arg;
+	struct account *account; /* joined; left by the session's owner after session_destroy() */
 	struct cache *cache;
 	struct queues *queues;
 	struct fills *fills;

@@ -69,6 +69,25 @@ static void write_client(FILE *out, const struct session *session)
 	fputc('}', out);
 }
 
+static void write_account(FILE *out, const struct account *account)
+{
+	const struct account_policy *policy = &account->policy;
+
+	fprintf(out, "{\"uid\":%u", (unsigned)policy->uid);
+	write_number(out, "weight", policy->weight);
+	write_number(out, "share_permille", policy->share_permille);
+	write_number(out, "sessions", account->session_count);
+	write_number(out, "sessions_max", policy->session_count_max);
+	write_number(out, "sessions_refused", account->refused_count);
+	write_number(out, "held_bytes", account->held_pages * WIRE_PAGE_BYTES);
+	write_number(out, "fetched_bytes", account->fetched_bytes);
+	write_number(out, "prefetched_bytes", account->prefetched_bytes);
+	write_number(out, "prefetch_nodes", account->prefetch_count);
+	write_number(out, "sent_bytes", account->sent_bytes);
+	write_number(out, "log_lines_left_out", account->unlogged_count);
+	fputc('}', out);
+}
+
 /* ---- what is degraded, each with what to do ---- */
 
 struct sentences {
@@ -179,6 +198,13 @@ static void write_status(FILE *out, struct server *server)
 		separator = ",";
 		waiting_nodes += session->visible.counts[WANT_QUEUED];
 		prefetch_nodes += session->prefetch_count - session->prefetch_next;
+	}
+	fputs("],\"accounts\":[", out);
+	separator = "";
+	LIST_FOR_EACH (link, &server->accounts.in_order) {
+		fputs(separator, out);
+		write_account(out, LIST_ENTRY(link, struct account, link));
+		separator = ",";
 	}
 	fputc(']', out);
 	write_number(out, "fetches_queued", waiting_nodes);

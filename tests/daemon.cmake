@@ -14,6 +14,7 @@ target_link_libraries(oocd_daemon_kit PUBLIC oocd_core oocd_test_helper)
 oocd_test(test_daemon integration SOURCES integration/test_daemon.c LINK oocd_daemon_kit)
 oocd_test(test_daemon_faults integration SOURCES integration/test_daemon_faults.c
 	LINK oocd_daemon_kit)
+oocd_test(test_sharing integration SOURCES integration/test_sharing.c LINK oocd_daemon_kit)
 oocd_test(test_daemon_program integration SOURCES integration/test_daemon_program.c
 	LINK oocd_daemon_kit)
 add_dependencies(test_daemon_program oocd)
