@@ -351,6 +351,81 @@ static void a_walk_keeps_off_the_walls_at_a_constant_pace(void **state)
 	}
 }
 
+static struct camera *path_read(const char *folder, const char *name, uint32_t count_wanted)
+{
+	struct camera *cameras;
+	uint32_t count;
+
+	assert_int_equal(camera_path_read(test_path(folder, name), &cameras, &count, NULL), 0);
+	assert_int_equal(count, count_wanted);
+	return cameras;
+}
+
+static bool same_eye(const struct camera *a, const struct camera *b)
+{
+	return memcmp(a->eye, b->eye, sizeof(a->eye)) == 0;
+}
+
+static void teleports_and_reversals_are_the_walk_in_another_order(void **state)
+{
+	const char *folder = *state;
+	struct camera *walk;
+	struct camera *jumps;
+	struct camera *turns;
+	uint32_t moved_count = 0;
+
+	assert_int_equal(run(folder, "oocgen plant --triangles 20000 -o m.ply"), 0);
+	assert_int_equal(run(folder, "oocbuild --quiet -o m.ooc m.ply"), 0);
+	assert_int_equal(run(folder, "oocbench path m.ooc --frames 300 -o w.csv"), 0);
+	assert_int_equal(run(folder, "oocbench path m.ooc --kind teleport --frames 300 -o t.csv"),
+			 0);
+	assert_int_equal(run(folder, "oocbench path m.ooc --kind reversal --frames 300 -o r.csv"),
+			 0);
+	walk = path_read(folder, "w.csv", 300);
+	jumps = path_read(folder, "t.csv", 300);
+	turns = path_read(folder, "r.csv", 300);
+	/* Whole seconds of the walk, each once. */
+	for (uint32_t piece = 0; piece < 10; piece++) {
+		uint32_t from = 0;
+
+		while (from < 10 && !same_eye(&jumps[piece * 30], &walk[from * 30]))
+			from++;
+		assert_true(from < 10);
+		moved_count += from != piece;
+		for (uint32_t i = 0; i < 30; i++)
+			assert_true(same_eye(&jumps[piece * 30 + i], &walk[from * 30 + i]));
+	}
+	assert_true(moved_count > 0);
+	/* Ninety frames on, sixty back with the face to the other side, and on again. */
+	for (uint32_t i = 0; i < 300; i++) {
+		uint32_t on = i / 150 * 30 + i % 150;
+		uint32_t back = i / 150 * 30 + 180 - i % 150;
+
+		assert_true(same_eye(&turns[i], &walk[i % 150 < 90 ? on : back]));
+	}
+	assert_true((turns[90].at[0] - turns[90].eye[0]) * (turns[89].at[0] - turns[89].eye[0]) +
+			    (turns[90].at[1] - turns[90].eye[1]) *
+				    (turns[89].at[1] - turns[89].eye[1]) <
+		    0.0);
+	free(walk);
+	free(jumps);
+	free(turns);
+}
+
+static void a_flight_stays_above_the_model_and_comes_back(void **state)
+{
+	const char *folder = *state;
+	struct camera *cameras;
+
+	test_store_grid(test_path(folder, "m.ooc"), 4);
+	assert_int_equal(run(folder, "oocbench path m.ooc --kind fly --frames 60 -o f.csv"), 0);
+	cameras = path_read(folder, "f.csv", 60);
+	for (uint32_t i = 1; i < 60; i++)
+		assert_true(cameras[i].eye[2] == cameras[0].eye[2] &&
+			    cameras[i].at[2] < cameras[i].eye[2]);
+	free(cameras);
+}
+
 static void an_orbit_keeps_the_model_in_view(void **state)
 {
 	const char *folder = *state;
@@ -404,7 +479,7 @@ static void wrong_command_lines_are_refused_with_two(void **state)
 					     "nothing",
 					     "path",
 					     "path a b",
-					     "path a --kind fly",
+					     "path a --kind swim",
 					     "path a --frames 0",
 					     "path --json a",
 					     "exact a",
@@ -453,6 +528,8 @@ int main(void)
 		IN_FOLDER(exact_needs_the_ids_of_triangles),
 		cmocka_unit_test(a_difference_is_explained_by_edges_and_ties_alone),
 		IN_FOLDER(a_walk_keeps_off_the_walls_at_a_constant_pace),
+		IN_FOLDER(teleports_and_reversals_are_the_walk_in_another_order),
+		IN_FOLDER(a_flight_stays_above_the_model_and_comes_back),
 		IN_FOLDER(an_orbit_keeps_the_model_in_view),
 		IN_FOLDER(a_model_without_floors_has_no_walk_and_says_so),
 		IN_FOLDER(wrong_command_lines_are_refused_with_two),
