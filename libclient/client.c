@@ -24,6 +24,8 @@ static struct ooc_client *client_destroy(struct ooc_client *client)
 	client->socket_fd = fd_close(client->socket_fd);
 	starter_done(&client->starter);
 	mapping_done(&client->page);
+	for (size_t i = 0; client->daemon_options[i]; i++)
+		free(client->daemon_options[i]);
 	free(client->set.entries);
 	free(client->status.text);
 	free(client);
@@ -74,7 +76,27 @@ static int wait_for_welcome(struct ooc_client *client)
 	return 0;
 }
 
+static int options_init(struct ooc_client *client, const char *const *options)
+{
+	for (size_t i = 0; options && options[i]; i++) {
+		if (i == STARTER_OPTION_COUNT_MAX)
+			return why_set(&client->why, -E2BIG,
+				       "a daemon can be started with %d options at most",
+				       STARTER_OPTION_COUNT_MAX);
+		client->daemon_options[i] = strdup(options[i]);
+		if (!client->daemon_options[i])
+			return why_set(&client->why, -ENOMEM, "no memory for a client");
+	}
+	return 0;
+}
+
 int ooc_connect(const char *socket_path, const char *name, struct ooc_client **ret)
+{
+	return ooc_connect_or_start(socket_path, name, NULL, ret);
+}
+
+int ooc_connect_or_start(const char *socket_path, const char *name,
+			 const char *const *daemon_options, struct ooc_client **ret)
 {
 	struct ooc_client *client;
 	int r;
@@ -85,9 +107,11 @@ int ooc_connect(const char *socket_path, const char *name, struct ooc_client **r
 		return why_set(&connect_why, -ENOMEM, "no memory for a client");
 	client->socket_fd = -1;
 	client->retry_wait_ns = RETRY_WAIT_MIN_NS;
-	starter_init(&client->starter);
+	starter_init(&client->starter, (const char *const *)client->daemon_options);
 	memcpy(client->name, name, strnlen(name, sizeof(client->name) - 1));
 	r = paths_init(client, socket_path);
+	if (r == 0)
+		r = options_init(client, daemon_options);
 	if (r == 0)
 		r = wait_for_welcome(client);
 	if (r < 0) {

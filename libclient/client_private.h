@@ -144,6 +144,7 @@ struct ooc_client {
 	bool may_start;  /* a daemon, at the last of them */
 	bool own_folder; /* the last of them lies where anyone could have made it */
 	struct starter starter;
+	char *daemon_options[STARTER_OPTION_COUNT_MAX + 1]; /* for a daemon that is started */
 	struct why why;
 
 	enum session_state state;

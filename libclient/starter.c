@@ -25,9 +25,9 @@
 #define PROGRAM           "oocd"
 #define IDLE_EXIT_SECONDS "60"
 
-void starter_init(struct starter *starter)
+void starter_init(struct starter *starter, const char *const *options)
 {
-	*starter = (struct starter){ .lock_fd = -1, .process_fd = -1 };
+	*starter = (struct starter){ .options = options, .lock_fd = -1, .process_fd = -1 };
 }
 
 void starter_done(struct starter *starter)
@@ -130,7 +130,7 @@ static int find_program(char ret[PATH_MAX], struct why *why)
 /* What the new process needs, prepared before there is one. */
 struct launch {
 	char program[PATH_MAX];
-	const char *arguments[6];
+	const char *arguments[6 + STARTER_OPTION_COUNT_MAX];
 	int null_fd;
 	int log_fd;
 	int report_fd; /* told the process's number, and an errno where it could not be started */
@@ -206,16 +206,18 @@ static int read_report(int report_fd)
 	return (int)syscall(SYS_pidfd_open, report.process, 0);
 }
 
-static int start(const char *socket_path, struct why *why)
+static int start(const char *const *options, const char *socket_path, struct why *why)
 {
 	struct launch launch = {
-		.arguments = { PROGRAM, "--socket", socket_path, "--idle-exit", IDLE_EXIT_SECONDS,
-			       NULL },
+		.arguments = { PROGRAM, "--socket", socket_path, "--idle-exit", IDLE_EXIT_SECONDS },
 	};
+	const char **next = launch.arguments + 5;
 	char log_path[PATH_MAX];
 	int pipe_fds[2];
 	int r;
 
+	while (options && *options)
+		*next++ = *options++;
 	r = find_program(launch.program, why);
 	if (r < 0)
 		return r;
@@ -256,7 +258,7 @@ int starter_step(struct starter *starter, const char *socket_path, struct why *w
 		return -EAGAIN;
 	}
 	if (starter->process_fd < 0) {
-		r = start(socket_path, why);
+		r = start(starter->options, socket_path, why);
 		if (r < 0)
 			return r;
 		starter->process_fd = r;

@@ -16,12 +16,17 @@
 
 #include "formats/base/why.h"
 
+/** Options of the daemon beside its socket. */
+#define STARTER_OPTION_COUNT_MAX 16
+
 struct starter {
-	int lock_fd;    /* -1: not held */
-	int process_fd; /* pidfd of the daemon that was started; -1: none */
+	const char *const *options; /* of the daemon, ended by NULL; or NULL: none */
+	int lock_fd;                /* -1: not held */
+	int process_fd;             /* pidfd of the daemon that was started; -1: none */
 };
 
-void starter_init(struct starter *starter);
+/** options: at most STARTER_OPTION_COUNT_MAX, ended by NULL; they outlive the starter.  Or NULL. */
+void starter_init(struct starter *starter, const char *const *options);
 
 /** Gives the lock back.  A daemon that was started runs on. */
 void starter_done(struct starter *starter);

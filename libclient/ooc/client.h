@@ -68,6 +68,17 @@ struct ooc_store;
  */
 OOC_API int ooc_connect(const char *socket_path, const char *name, struct ooc_client **ret);
 
+/**
+ * The same, for programs that know what daemon they need where none runs.
+ *
+ * daemon_options:  of oocd, as on its command line: { "--cache-size", "64M", NULL }; at most 16, copied.
+ *                  A daemon that runs already stays as it is.  NULL: none.
+ *
+ * Returns: as ooc_connect(); also -E2BIG (too many options).
+ */
+OOC_API int ooc_connect_or_start(const char *socket_path, const char *name,
+				 const char *const *daemon_options, struct ooc_client **ret);
+
 /** Closes all stores, gives everything back.  NULL is allowed.  Returns: NULL. */
 OOC_API struct ooc_client *ooc_disconnect(struct ooc_client *client);
 

@@ -574,6 +574,24 @@ static void the_runtime_folder_is_where_a_daemon_is_started(void **state)
 	(void)unsetenv("XDG_RUNTIME_DIR");
 }
 
+static void a_daemon_is_started_with_the_options_given(void **state)
+{
+	const char *const options[] = { "--cache-size", "7M", NULL };
+	const char *const many[] = { "a", "b", "c", "d", "e", "f", "g", "h", "i",
+				     "j", "k", "l", "m", "n", "o", "p", "q", NULL };
+	struct ooc_client *client;
+	char *status;
+
+	(void)state;
+	assert_int_equal(ooc_connect_or_start(NULL, "test", many, &client), -E2BIG);
+	assert_int_equal(ooc_connect_or_start(NULL, "test", options, &client), 0);
+	assert_int_equal(ooc_status(client, &status), 0);
+	assert_non_null(strstr(status, "\"cache_bytes\":7340032"));
+	free(status);
+	end_daemon(daemon_of(client));
+	ooc_disconnect(client);
+}
+
 static void a_daemon_that_cannot_be_started_is_named(void **state)
 {
 	struct scene *scene = *state;
@@ -604,6 +622,7 @@ int main(void)
 		OWN_TEST(eight_programs_that_find_no_daemon_end_with_one),
 		OWN_TEST(a_daemon_of_ones_own_that_dies_is_started_again),
 		OWN_TEST(the_runtime_folder_is_where_a_daemon_is_started),
+		OWN_TEST(a_daemon_is_started_with_the_options_given),
 		OWN_TEST(a_daemon_that_cannot_be_started_is_named),
 	};
 
