@@ -10,18 +10,16 @@
 static int take(struct show *show, const struct camera *camera, const char *path, struct why *why)
 {
 	const struct options *options = show->options;
+	struct frame_style style = options->style;
 	struct frame_report report;
 	int r;
 
 	if (stop_requested())
 		return why_set(why, -ECANCELED, "interrupted");
-	r = picture_take(&show->picture, show->frame, &show->world, camera, &options->style,
-			 options->size, options->is_settled, path, &report, why);
-	if (r == 0)
-		r = statistics_add(&show->statistics, camera->time_s, &report, why);
-	if (r == 0)
-		r = show_record(show, camera, why);
-	return r;
+	show_set_budget(show, options->size.width, options->size.height, &style);
+	r = picture_take(&show->picture, show->frame, &show->world, camera, &style, options->size,
+			 options->is_settled, path, &report, why);
+	return r < 0 ? r : show_add(show, camera, &report, why);
 }
 
 static int take_frame(struct show *show, const struct camera *camera, size_t frame, struct why *why)
@@ -58,10 +56,12 @@ int film_run(struct show *show, struct why *why)
 		else
 			r = take_frame(show, &camera, frame, why);
 		if (r == 0 && is_last && options->screenshot_path && options->frames_folder) {
+			struct frame_style style = options->style;
 			struct frame_report report;
 
-			r = picture_take(&show->picture, show->frame, &show->world, &camera,
-					 &options->style, options->size, options->is_settled,
+			show_set_budget(show, options->size.width, options->size.height, &style);
+			r = picture_take(&show->picture, show->frame, &show->world, &camera, &style,
+					 options->size, options->is_settled,
 					 options->screenshot_path, &report, why);
 		}
 		if (r < 0)

@@ -8,6 +8,7 @@
 #include "formats/base/check.h"
 #include "formats/base/clock.h"
 #include "formats/base/log.h"
+#include "viewer/cost_probe.h"
 #include "viewer/stop.h"
 
 /* How long a settled frame waits without anything new. */
@@ -66,6 +67,22 @@ struct frame *frame_destroy(struct frame *frame)
 	free(frame->drawn);
 	free(frame);
 	return NULL;
+}
+
+const char *frame_way_name(enum frame_way way)
+{
+	static const char *const names[FRAME_WAY_COUNT_] = {
+		[FRAME_WAY_FULL] = "full",
+		[FRAME_WAY_EVERYTHING] = "everything",
+		[FRAME_WAY_BUDGET] = "budget",
+	};
+
+	return names[way];
+}
+
+int frame_costs(struct frame *frame, struct cost_model *ret, struct why *why)
+{
+	return cost_probe_get(frame->renderer, ret, why);
 }
 
 bool frame_is_in_place(const struct frame *frame)
@@ -155,6 +172,11 @@ static void end_drawing(struct frame *frame)
 
 /* ---- reports ---- */
 
+static double ms_since(uint64_t begin_ns)
+{
+	return (double)(clock_now_ns() - begin_ns) / (double)NS_PER_MS;
+}
+
 static uint64_t grown_by(uint64_t before, uint64_t now)
 {
 	/* A new session counts from 0. */
@@ -170,7 +192,27 @@ static void finish_report(struct frame *frame, uint64_t begin_ns, struct frame_r
 	report->bytes_prefetched = grown_by(frame->counters.prefetched_bytes, now.prefetched_bytes);
 	frame->counters = now;
 	report->nodes_missing = report->nodes_wanted - report->nodes_drawn;
-	report->ms = (double)(clock_now_ns() - begin_ns) / (double)NS_PER_MS;
+	report->ms = ms_since(begin_ns);
+}
+
+/* Finds the nodes, and says in the report how. */
+static int look(struct frame *frame, const struct camera *camera, double aspect,
+		const struct frame_style *style, struct frame_report *report, struct why *why)
+{
+	struct world *world = frame->world;
+	uint64_t begin_ns = clock_now_ns();
+	int r = world_look(world, camera, aspect, style->mode, style->budget_triangles, why);
+
+	if (r < 0)
+		return r;
+	report->selection_ms = ms_since(begin_ns);
+	report->nodes_visited = world->nodes_visited;
+	report->nodes_wanted = world->want_count;
+	if (style->mode == WORLD_MODE_FULL)
+		return 0;
+	report->way = world->fits_budget ? FRAME_WAY_EVERYTHING : FRAME_WAY_BUDGET;
+	report->budget_triangles = style->budget_triangles;
+	return 0;
 }
 
 /* ---- live ---- */
@@ -186,7 +228,7 @@ int frame_draw_live(struct frame *frame, const struct camera *camera, double asp
 	int r;
 
 	/* The choice needs the HS alone: OpenGL may go on with the frame before. */
-	r = world_look(world, camera, aspect, style->mode, style->budget_triangles, why);
+	r = look(frame, camera, aspect, style, &report, why);
 	if (r < 0)
 		return r;
 	(void)frame_finish(frame);
@@ -194,7 +236,6 @@ int frame_draw_live(struct frame *frame, const struct camera *camera, double asp
 	r = world_ask(world, 0, world->want_count, why);
 	if (r < 0)
 		return r;
-	report.nodes_wanted = world->want_count;
 	residency_begin(frame->residency, true);
 	target_begin(target, style->background);
 	begin_drawing(frame, style, &render_tile_whole);
@@ -362,6 +403,7 @@ static int draw_all(struct frame *frame, struct settling *settling, struct frame
 		    struct why *why)
 {
 	struct world *world = frame->world;
+	uint64_t waiting_ns;
 	int r;
 
 	do {
@@ -373,7 +415,9 @@ static int draw_all(struct frame *frame, struct settling *settling, struct frame
 		r = world_ask(world, settling->first, count, why);
 		if (r < 0)
 			return r;
+		waiting_ns = clock_now_ns();
 		r = wait_until_settled(frame, settling, why);
+		report->waited_ms += ms_since(waiting_ns);
 		if (r < 0)
 			return r;
 		r = draw_portion(frame, settling, report);
@@ -385,7 +429,9 @@ static int draw_all(struct frame *frame, struct settling *settling, struct frame
 			settling->news_ns = clock_now_ns();
 			settling->ask_for_less = false;
 		} else if (settling->first < world->want_count) {
+			waiting_ns = clock_now_ns();
 			r = be_patient(frame, settling, why);
+			report->waited_ms += ms_since(waiting_ns);
 			if (r < 0)
 				return r;
 		}
@@ -397,19 +443,19 @@ int frame_draw_settled(struct frame *frame, const struct camera *camera, double 
 		       const struct frame_style *style, const struct render_tile *tile,
 		       const struct target *target, struct frame_report *ret, struct why *why)
 {
-	struct world *world = frame->world;
-	struct frame_report report = { 0 };
+	struct frame_report found = { 0 };
+	struct frame_report report;
 	uint64_t begin_ns = clock_now_ns();
 	int r;
 
-	r = world_look(world, camera, aspect, style->mode, style->budget_triangles, why);
+	r = look(frame, camera, aspect, style, &found, why);
 	if (r < 0)
 		return r;
 	(void)frame_finish(frame);
 	for (int attempt = 1;; attempt++) {
 		struct settling settling = { .news_ns = clock_now_ns() };
 
-		report = (struct frame_report){ .nodes_wanted = world->want_count };
+		report = found;
 		target_begin(target, style->background);
 		begin_drawing(frame, style, tile);
 		r = draw_all(frame, &settling, &report, why);

@@ -22,6 +22,7 @@
 #include <stdint.h>
 
 #include "formats/base/why.h"
+#include "viewer/cost_model.h"
 #include "viewer/renderer.h"
 #include "viewer/residency.h"
 #include "viewer/target.h"
@@ -38,9 +39,25 @@ struct frame_style {
 	uint8_t background[3];
 };
 
+/** How a frame's nodes were found. */
+enum frame_way {
+	FRAME_WAY_FULL,       /* all that is in the frustum, as was asked for */
+	FRAME_WAY_EVERYTHING, /* likewise: the whole world fits the budget */
+	FRAME_WAY_BUDGET,     /* what most likely shows, up to the budget */
+	FRAME_WAY_COUNT_
+};
+
+/** "full", "everything" or "budget". */
+const char *frame_way_name(enum frame_way way);
+
 /** What a frame was. */
 struct frame_report {
+	enum frame_way way;
 	double ms; /* from the choice of nodes until they are drawn; a live one's until handed over */
+	double waited_ms;          /* of it, for the daemon */
+	double selection_ms;       /* of it, to find the nodes */
+	uint64_t budget_triangles; /* 0: none */
+	uint64_t nodes_visited;    /* of the HS, to find the nodes */
 	uint64_t nodes_wanted;
 	uint64_t nodes_drawn;
 	uint64_t nodes_missing;
@@ -63,6 +80,9 @@ int frame_create(struct world *world, uint64_t gpu_cache_bytes, struct frame **r
 struct frame *frame_destroy(struct frame *frame);
 
 bool frame_is_in_place(const struct frame *frame);
+
+/** What drawing costs here, measured or remembered.  Returns: 0 or -ENOMEM. */
+int frame_costs(struct frame *frame, struct cost_model *ret, struct why *why);
 
 /**
  * Draws what is there.

@@ -22,6 +22,7 @@
 #include "formats/base/file.h"
 #include "formats/base/log.h"
 #include "formats/store/layout.h"
+#include "viewer/cache_folder.h"
 #include "viewer/stop.h"
 
 /* Rows of scene lists are shorter. */
@@ -137,42 +138,6 @@ static int hash_model(char *path, uint64_t *ret, struct why *why)
 
 /* ---- the cache folder ---- */
 
-static int make_folders(char *path)
-{
-	for (char *slash = path + 1; slash && *slash; slash++) {
-		slash = strchr(slash, '/');
-		if (!slash)
-			break;
-		*slash = '\0';
-		if (mkdir(path, 0700) < 0 && errno != EEXIST) {
-			int r = -errno;
-
-			*slash = '/';
-			return r;
-		}
-		*slash = '/';
-	}
-	return mkdir(path, 0700) < 0 && errno != EEXIST ? -errno : 0;
-}
-
-static int cache_folder(char path[PATH_MAX], struct why *why)
-{
-	const char *cache = getenv("XDG_CACHE_HOME");
-	const char *home = getenv("HOME");
-	int r;
-
-	if (cache && cache[0] == '/')
-		(void)snprintf(path, PATH_MAX, "%s/oocd", cache);
-	else if (home && home[0] == '/')
-		(void)snprintf(path, PATH_MAX, "%s/.cache/oocd", home);
-	else
-		return why_set(why, -ENOENT,
-			       "a place for the store: neither $XDG_CACHE_HOME nor "
-			       "$HOME is set");
-	r = make_folders(path);
-	return r < 0 ? why_errno(why, r, "%s", path) : 0;
-}
-
 /* Earlier states of the same model: "NAME-PATH-" is the same, what follows is not. */
 static void remove_older(const char *folder, const char *prefix, const char *keep)
 {
@@ -251,7 +216,7 @@ int model_store_get(const char *model, char **ret, struct why *why)
 	r = hash_model(path, &state, why);
 	if (r < 0)
 		goto out;
-	r = cache_folder(folder, why);
+	r = cache_folder_make(folder, why);
 	if (r < 0)
 		goto out;
 	(void)snprintf(prefix, sizeof(prefix), "%.100s-%08" PRIx64 "-", basename(path),

@@ -6,6 +6,7 @@
 #include <sys/stat.h>
 
 #include "formats/base/log.h"
+#include "formats/base/text.h"
 #include "viewer/film.h"
 #include "viewer/model_store.h"
 #include "viewer/show.h"
@@ -83,6 +84,24 @@ static void write_summary(const struct show *show)
 	statistics_write_json(&show->statistics, &run, stdout);
 }
 
+/* A preset is not what it says where another daemon runs already. */
+static void look_at_cache(const struct show *show)
+{
+	const struct preset *preset = show->options->preset;
+	struct ooc_counters counters;
+	char size[TEXT_SIZE_BYTES];
+	char other[TEXT_SIZE_BYTES];
+
+	ooc_counters(show->world.client, &counters);
+	if (!preset || counters.cache_bytes == preset->cache_bytes)
+		return;
+	log_warning(
+		"the daemon that runs has a cache of %s, not the %s of --preset %s; stop it and "
+		"one is started that has",
+		text_from_size(counters.cache_bytes, size),
+		text_from_size(preset->cache_bytes, other), preset->name);
+}
+
 /* Everything from the stores to the last picture. */
 static int run(const struct options *options, char **store_paths, struct why *why)
 {
@@ -90,15 +109,20 @@ static int run(const struct options *options, char **store_paths, struct why *wh
 	int closed;
 	int r;
 
-	r = world_init(&show.world, options->socket_path, store_paths, options->input_count, why);
+	r = world_init(&show.world, options->socket_path,
+		       options->preset ? options->preset->daemon_options : NULL, store_paths,
+		       options->input_count, why);
 	if (r < 0)
 		return r;
+	look_at_cache(&show);
 	r = options->is_headless ? surface_open_headless(&show.surface, why)
 				 : surface_open_window("oocview", options->size.width,
 						       options->size.height, &show.surface, why);
 	if (r < 0)
 		goto out_scene;
 	r = frame_create(&show.world, options->gpu_cache_bytes, &show.frame, why);
+	if (r == 0)
+		r = show_begin_pace(&show, why);
 	if (r == 0)
 		r = open_outputs(&show, why);
 	if (r == 0)

@@ -86,7 +86,12 @@ static struct render_tile tile_at(struct picture_size size, uint32_t x, uint32_t
 
 static void add_report(struct frame_report *sum, const struct frame_report *tile)
 {
+	sum->way = tile->way;
 	sum->ms += tile->ms;
+	sum->waited_ms += tile->waited_ms;
+	sum->selection_ms += tile->selection_ms;
+	sum->budget_triangles = tile->budget_triangles;
+	sum->nodes_visited += tile->nodes_visited;
 	sum->nodes_wanted = tile->nodes_wanted;
 	sum->nodes_drawn = tile->nodes_drawn;
 	sum->nodes_missing = tile->nodes_missing;

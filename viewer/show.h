@@ -10,6 +10,7 @@
 #include <stdio.h>
 
 #include "viewer/frame.h"
+#include "viewer/pace.h"
 #include "viewer/picture.h"
 #include "viewer/statistics.h"
 #include "viewer/surface.h"
@@ -24,10 +25,19 @@ struct show {
 	struct picture picture;
 	struct statistics statistics;
 	FILE *record; /* NULL: none wanted */
+	struct cost_model costs;
+	struct pace pace; /* fps 0: none is to be kept */
 };
 
-/** Writes the camera of a frame to the recording, if there is one.  Returns: 0 or -errno. */
-int show_record(struct show *show, const struct camera *camera, struct why *why);
+/** Prepares to keep the pace that the options ask for, if any.  Returns: 0 or -ENOMEM. */
+int show_begin_pace(struct show *show, struct why *why);
+
+/** Sets the budget of the next picture, of so many pixels, where a pace is kept. */
+void show_set_budget(struct show *show, uint32_t width, uint32_t height, struct frame_style *style);
+
+/** Counts a frame: statistics, recording and pace.  Returns: 0, -ENOMEM or -errno. */
+int show_add(struct show *show, const struct camera *camera, const struct frame_report *report,
+	     struct why *why);
 
 /** The camera to begin with. */
 void show_first_camera(const struct show *show, double aspect, struct camera *ret);

@@ -11,7 +11,8 @@
 #include "formats/base/text.h"
 
 static const char csv_header[] =
-	"frame,t,ms,nodes_wanted,nodes_drawn,nodes_missing,triangles,bytes_fetched,bytes_prefetched";
+	"frame,t,ms,nodes_wanted,nodes_drawn,nodes_missing,triangles,bytes_fetched,bytes_prefetched,"
+	"way,budget,selection_ms,nodes_visited,waited_ms";
 
 int statistics_init(struct statistics *ret, const char *csv_path, struct why *why)
 {
@@ -68,6 +69,10 @@ int statistics_add(struct statistics *statistics, double time_s, const struct fr
 	if (r < 0)
 		return why_errno(why, r, "statistics");
 	sum->ms += report->ms;
+	sum->selection_ms += report->selection_ms;
+	sum->waited_ms += report->waited_ms;
+	sum->nodes_visited += report->nodes_visited;
+	statistics->way_frames[report->way]++;
 	sum->nodes_wanted += report->nodes_wanted;
 	sum->nodes_drawn += report->nodes_drawn;
 	sum->nodes_missing += report->nodes_missing;
@@ -83,10 +88,11 @@ int statistics_add(struct statistics *statistics, double time_s, const struct fr
 	errno = 0;
 	if (fprintf(statistics->csv,
 		    "%zu,%.17g,%.3f,%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64
-		    ",%" PRIu64 "\n",
+		    ",%" PRIu64 ",%s,%" PRIu64 ",%.3f,%" PRIu64 ",%.3f\n",
 		    frame, time_s, report->ms, report->nodes_wanted, report->nodes_drawn,
 		    report->nodes_missing, report->triangles, report->bytes_fetched,
-		    report->bytes_prefetched) < 0)
+		    report->bytes_prefetched, frame_way_name(report->way), report->budget_triangles,
+		    report->selection_ms, report->nodes_visited, report->waited_ms) < 0)
 		return why_errno(why, errno ? -errno : -EIO, "%s", statistics->csv_path);
 	return 0;
 }
@@ -136,6 +142,12 @@ void statistics_write_json(const struct statistics *statistics, const struct sta
 	(void)fprintf(out, ",\"ms\":{\"median\":%.3f,\"p95\":%.3f,\"p99\":%.3f,\"max\":%.3f}",
 		      percentile(sorted, count, 0.5), percentile(sorted, count, 0.95),
 		      percentile(sorted, count, 0.99), percentile(sorted, count, 1.0));
+	(void)fprintf(out, ",\"selection_ms\":%.3f,\"waited_ms\":%.3f,\"ways\":{",
+		      sum->selection_ms, sum->waited_ms);
+	for (enum frame_way way = 0; way < FRAME_WAY_COUNT_; way++)
+		(void)fprintf(out, "%s\"%s\":%zu", way == 0 ? "" : ",", frame_way_name(way),
+			      statistics->way_frames[way]);
+	(void)fprintf(out, "}");
 	(void)fprintf(out, ",\"triangles\":%" PRIu64 ",\"triangles_max\":%" PRIu64, sum->triangles,
 		      statistics->triangles_max);
 	(void)fprintf(out,

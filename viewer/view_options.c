@@ -9,10 +9,13 @@
 
 #include "formats/base/log.h"
 #include "formats/base/text.h"
+#include "viewer/camera_path.h"
 #include "viewer/image.h"
 
 #define BUDGET_DEFAULT 1000000u
 #define REPEAT_MAX     1000000u
+#define FPS_MIN        0.1
+#define FPS_MAX        1000.0
 
 static const char help[] =
 	"Usage: oocview [OPTION]... STORE.ooc|MODEL...\n"
@@ -23,9 +26,13 @@ static const char help[] =
 	"What is drawn:\n"
 	"      --mode full|approximate  all that is in view, or what most likely shows (full)\n"
 	"      --budget N            triangles a frame with --mode approximate (1000000)\n"
+	"      --fps N               approximate, with the budget that N frames a second leave here\n"
+	"      --preset NAME         iwalk-2002 or iwalk-2003: a published configuration, which\n"
+	"                            other options change\n"
 	"      --camera ROW|FILE     t,eye_x,eye_y,eye_z,at_x,at_y,at_z,up_x,up_y,up_z,fov_y,\n"
 	"                            or a path file, whose first row counts (the whole model)\n"
 	"      --path FILE           a frame for each row of a path file\n"
+	"      --speed N             along the path: 16 leaves rows out, 1/4 adds some between (1)\n"
 	"      --repeat N            the path so many times (1)\n"
 	"\n"
 	"How it is drawn:\n"
@@ -60,6 +67,9 @@ static const char help[] =
 enum option_key {
 	OPTION_MODE = 256,
 	OPTION_BUDGET,
+	OPTION_FPS,
+	OPTION_PRESET,
+	OPTION_SPEED,
 	OPTION_CAMERA,
 	OPTION_PATH,
 	OPTION_REPEAT,
@@ -81,6 +91,9 @@ enum option_key {
 static const struct option long_options[] = {
 	{ "mode", required_argument, NULL, OPTION_MODE },
 	{ "budget", required_argument, NULL, OPTION_BUDGET },
+	{ "fps", required_argument, NULL, OPTION_FPS },
+	{ "preset", required_argument, NULL, OPTION_PRESET },
+	{ "speed", required_argument, NULL, OPTION_SPEED },
 	{ "camera", required_argument, NULL, OPTION_CAMERA },
 	{ "path", required_argument, NULL, OPTION_PATH },
 	{ "repeat", required_argument, NULL, OPTION_REPEAT },
@@ -102,10 +115,13 @@ static const struct option long_options[] = {
 	{ NULL, 0, NULL, 0 },
 };
 
-/* What the options said that needs a file to be read. */
-struct named_files {
+/* What the options said that has to be judged together, or needs a file to be read. */
+struct given {
 	const char *camera;
 	const char *path;
+	double speed;
+	bool has_mode;
+	bool has_budget;
 };
 
 static int to_size(const char *text, struct picture_size *ret)
@@ -150,15 +166,40 @@ static int to_mode(const char *text, enum world_mode *ret)
 	return 0;
 }
 
+static int to_fps(const char *text, double *ret)
+{
+	int r = text_to_double(text, ret);
+
+	if (r < 0)
+		return r;
+	return *ret >= FPS_MIN && *ret <= FPS_MAX ? 0 : -ERANGE;
+}
+
+/* How many nodes, and which. */
+static int take_choice(struct options *options, struct given *given, int key, const char *value)
+{
+	switch (key) {
+	case OPTION_MODE:
+		given->has_mode = true;
+		return to_mode(value, &options->style.mode);
+	case OPTION_BUDGET:
+		given->has_budget = true;
+		return text_to_u64(value, &options->style.budget_triangles);
+	case OPTION_FPS:
+		return to_fps(value, &options->fps);
+	case OPTION_PRESET:
+		/* It has been taken before all others (take_preset()). */
+		return options->preset ? 0 : -EINVAL;
+	default:
+		return -ENOENT;
+	}
+}
+
 static int take_style(struct options *options, int key, const char *value)
 {
 	int r;
 
 	switch (key) {
-	case OPTION_MODE:
-		return to_mode(value, &options->style.mode);
-	case OPTION_BUDGET:
-		return text_to_u64(value, &options->style.budget_triangles);
 	case OPTION_BACKGROUND:
 		return to_colour(value, options->style.background);
 	case OPTION_UNLIT:
@@ -198,18 +239,20 @@ static int take_output(struct options *options, int key, const char *value)
 }
 
 /* Returns: 0, or negative when the value is none of the option's. */
-static int take(struct options *options, struct named_files *files, int key, const char *value)
+static int take(struct options *options, struct given *given, int key, const char *value)
 {
 	uint64_t count;
 	int r;
 
 	switch (key) {
 	case OPTION_CAMERA:
-		files->camera = value;
+		given->camera = value;
 		return 0;
 	case OPTION_PATH:
-		files->path = value;
+		given->path = value;
 		return 0;
+	case OPTION_SPEED:
+		return camera_path_speed(value, &given->speed);
 	case OPTION_REPEAT:
 		r = text_to_u64(value, &count);
 		if (r < 0 || count == 0 || count > REPEAT_MAX)
@@ -232,7 +275,9 @@ static int take(struct options *options, struct named_files *files, int key, con
 		options->socket_path = value;
 		return 0;
 	default:
-		r = take_style(options, key, value);
+		r = take_choice(options, given, key, value);
+		if (r == -ENOENT)
+			r = take_style(options, key, value);
 		return r == -ENOENT ? take_output(options, key, value) : r;
 	}
 }
@@ -244,15 +289,22 @@ static int wrong(const char *format, const char *value)
 }
 
 /* Do the options go together? */
-static int judge(const struct options *options, const struct named_files *files)
+static int judge(const struct options *options, const struct given *given)
 {
 	if (options->input_count == 0)
 		return wrong("%s: name a store or a model; --help says more", "nothing to draw");
-	if (files->camera && files->path)
+	if (given->camera && given->path)
 		return wrong("%s do not go together", "--camera and --path");
-	if (options->frames_folder && !files->path)
+	if (options->fps > 0.0 && given->has_budget)
+		return wrong("%s do not go together: the frame rate sets the budget",
+			     "--fps and --budget");
+	if (options->fps > 0.0 && options->style.mode != WORLD_MODE_APPROXIMATE)
+		return wrong("%s needs --mode approximate", "--fps");
+	if (given->speed != 1.0 && !given->path)
+		return wrong("%s needs --path", "--speed");
+	if (options->frames_folder && !given->path)
 		return wrong("%s needs --path", "--frames");
-	if (options->is_headless && !options->screenshot_path && !files->path)
+	if (options->is_headless && !options->screenshot_path && !given->path)
 		return wrong("%s needs --screenshot or --path: there is nothing to show it in",
 			     "--headless");
 	if (options->style.channel != CHANNEL_COLOUR && !options->is_headless)
@@ -260,31 +312,46 @@ static int judge(const struct options *options, const struct named_files *files)
 	return 0;
 }
 
+static int change_speed(struct options *options, double speed, struct why *why)
+{
+	struct camera *path;
+	int r = camera_path_at_speed(options->path, options->path_count, speed, &path,
+				     &options->path_count);
+
+	if (r < 0)
+		return why_errno(why, r, "--speed: the frames of the path");
+	free(options->path);
+	options->path = path;
+	return 0;
+}
+
 /* One row, or the rows of a file. */
-static int read_cameras(struct options *options, const struct named_files *files)
+static int read_cameras(struct options *options, const struct given *given)
 {
 	struct why why = { "" };
 	int r;
 
-	if (!files->camera && !files->path)
+	if (!given->camera && !given->path)
 		return 0;
-	options->has_path = files->path != NULL;
-	if (files->camera && strchr(files->camera, ',')) {
+	options->has_path = given->path != NULL;
+	if (given->camera && strchr(given->camera, ',')) {
 		options->path = malloc(sizeof(*options->path));
 		if (!options->path) {
 			r = why_errno(&why, -ENOMEM, "--camera");
 		} else {
 			options->path_count = 1;
-			r = camera_from_row(options->path, files->camera, &why);
+			r = camera_from_row(options->path, given->camera, &why);
 			why_prefix(&why, "--camera");
 		}
 	} else {
-		r = camera_path_read(files->path ? files->path : files->camera, &options->path,
+		r = camera_path_read(given->path ? given->path : given->camera, &options->path,
 				     &options->path_count, &why);
 		if (r == 0 && options->path_count == 0)
 			r = why_set(&why, -EUCLEAN, "%s: the path has no row",
-				    files->path ? files->path : files->camera);
+				    given->path ? given->path : given->camera);
 	}
+	if (r == 0 && given->speed != 1.0)
+		r = change_speed(options, given->speed, &why);
 	if (r < 0)
 		log_error("%s", why.text);
 	return r;
@@ -299,6 +366,26 @@ static const char *name_of(int key)
 	return "?";
 }
 
+/* A preset comes before all other options, wherever it stands: they change it. */
+static void take_preset(struct options *options, int argc, char **argv)
+{
+	int key;
+
+	opterr = 0;
+	while ((key = getopt_long(argc, argv, "hV", long_options, NULL)) != -1) {
+		if (key == OPTION_PRESET)
+			options->preset = preset_find(optarg);
+	}
+	opterr = 1;
+	optind = 0; /* GNU: begin anew */
+	if (!options->preset)
+		return;
+	options->style.mode = WORLD_MODE_APPROXIMATE;
+	options->style.budget_triangles = options->preset->budget_triangles;
+	options->size.width = options->preset->width;
+	options->size.height = options->preset->height;
+}
+
 enum options_verdict options_read(struct options *ret, int argc, char **argv)
 {
 	struct options options = {
@@ -306,9 +393,10 @@ enum options_verdict options_read(struct options *ret, int argc, char **argv)
 		.style = { .budget_triangles = BUDGET_DEFAULT, .background = { 0xe9, 0xeb, 0xee } },
 		.repeat_count = 1,
 	};
-	struct named_files files = { NULL, NULL };
+	struct given given = { .speed = 1.0 };
 	int key;
 
+	take_preset(&options, argc, argv);
 	while ((key = getopt_long(argc, argv, "hV", long_options, NULL)) != -1) {
 		switch (key) {
 		case 'h':
@@ -321,7 +409,7 @@ enum options_verdict options_read(struct options *ret, int argc, char **argv)
 			/* getopt_long() has said what. */
 			return OPTIONS_WRONG;
 		default:
-			if (take(&options, &files, key, optarg) < 0) {
+			if (take(&options, &given, key, optarg) < 0) {
 				log_error("--%s: \"%s\" will not do; --help says what will",
 					  name_of(key), optarg ? optarg : "");
 				return OPTIONS_WRONG;
@@ -330,9 +418,11 @@ enum options_verdict options_read(struct options *ret, int argc, char **argv)
 	}
 	options.inputs = argv + optind;
 	options.input_count = (uint32_t)(argc - optind);
-	if (judge(&options, &files) < 0)
+	if (options.fps > 0.0 && !given.has_mode)
+		options.style.mode = WORLD_MODE_APPROXIMATE;
+	if (judge(&options, &given) < 0)
 		return OPTIONS_WRONG;
-	if (read_cameras(&options, &files) < 0) {
+	if (read_cameras(&options, &given) < 0) {
 		options_done(&options);
 		return OPTIONS_FAILED;
 	}

@@ -14,6 +14,7 @@
 #include "libclient/select/camera.h"
 #include "viewer/frame.h"
 #include "viewer/picture.h"
+#include "viewer/preset.h"
 
 struct options {
 	char *const *inputs; /* stores and models: of argv */
@@ -22,6 +23,8 @@ struct options {
 	bool is_headless;
 	bool is_settled;
 	bool wants_json;
+	const struct preset *preset; /* NULL: none */
+	double fps;                  /* to be kept by the budget; 0: none */
 	struct picture_size size;
 	bool has_size;
 	struct frame_style style;

@@ -46,6 +46,7 @@ struct window {
 	struct camera camera;
 	struct gesture gesture;
 	double cursor[2]; /* pixels of the picture, from the upper left */
+	uint64_t begin_ns;
 	uint64_t now_ns;
 	uint64_t shown_ns; /* when the window was last painted */
 
@@ -251,6 +252,8 @@ static void change_budget(struct window *window, double factor)
 
 	budget = fmin(fmax(budget, (double)BUDGET_MIN), (double)BUDGET_MAX);
 	window->style.budget_triangles = (uint64_t)llrint(budget);
+	/* From here on the budget is a person's. */
+	window->show->pace.fps = 0.0;
 	window->style.mode = WORLD_MODE_APPROXIMATE;
 	window->must_draw = true;
 }
@@ -453,6 +456,11 @@ static int draw(struct window *window)
 	bool is_settled = window->is_playing && show->options->is_settled;
 	int r;
 
+	show_set_budget(show, window->target.width, window->target.height, &window->style);
+	if (!window->is_playing)
+		window->camera.time_s =
+			(double)(window->now_ns - window->begin_ns) / (double)NS_PER_S;
+
 	if (is_settled)
 		r = frame_draw_settled(show->frame, &window->camera, aspect_of(window),
 				       &window->style, &render_tile_whole, &window->target,
@@ -470,8 +478,7 @@ static int draw(struct window *window)
 	window->drawable_count = progress.drawable_count;
 	window_rate_add(&window->rate, window->now_ns,
 			window->report.bytes_fetched + window->report.bytes_prefetched);
-	r = statistics_add(&show->statistics, window->camera.time_s, &window->report, &window->why);
-	return r < 0 ? r : show_record(show, &window->camera, &window->why);
+	return show_add(show, &window->camera, &window->report, &window->why);
 }
 
 static void add_texts(struct window *window)
@@ -486,6 +493,7 @@ static void add_texts(struct window *window)
 			.report = &window->report,
 			.bytes_per_s = window_rate_get(&window->rate, window->now_ns),
 			.is_walking = window->gesture.is_walking,
+			.fps = window->show->pace.fps,
 		};
 
 		window->shows_rate = facts.bytes_per_s > 0.0;
@@ -644,6 +652,7 @@ static int begin(struct window *window)
 	window->handle = surface_window(show->surface);
 	window->style = show->options->style;
 	window->now_ns = clock_now_ns();
+	window->begin_ns = window->now_ns;
 	r = hud_create(&window->hud, &window->why);
 	if (r == 0)
 		r = fit_target(window);

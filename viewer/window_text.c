@@ -77,6 +77,29 @@ static void add_units(char *buffer, const struct world *world)
 		add(buffer, "\nunits: 1 = %.6g m", metres);
 }
 
+static void add_way(char *buffer, const struct window_text_facts *facts)
+{
+	const struct frame_report *report = facts->report;
+	char number[32];
+
+	switch (report->way) {
+	case FRAME_WAY_FULL:
+		add(buffer, "\nfull");
+		return;
+	case FRAME_WAY_EVERYTHING:
+		add(buffer, "\napproximate, and all of it fits budget");
+		break;
+	case FRAME_WAY_BUDGET:
+		add(buffer, "\napproximate, budget");
+		break;
+	case FRAME_WAY_COUNT_:
+		break;
+	}
+	add(buffer, " %s", grouped(report->budget_triangles, number));
+	if (facts->fps > 0.0)
+		add(buffer, " for %.6g fps", facts->fps);
+}
+
 const char *window_text_state(const struct window_text_facts *facts, char *buffer)
 {
 	const struct frame_report *report = facts->report;
@@ -93,11 +116,7 @@ const char *window_text_state(const struct window_text_facts *facts, char *buffe
 	buffer[0] = '\0';
 	add(buffer, "%.1f ms  %s of %s triangles", report->ms, grouped(report->triangles, number),
 	    grouped(all, other));
-	if (facts->style->mode == WORLD_MODE_FULL)
-		add(buffer, "\nfull");
-	else
-		add(buffer, "\napproximate, budget %s",
-		    grouped(facts->style->budget_triangles, number));
+	add_way(buffer, facts);
 	add(buffer, facts->is_walking ? ", walking" : ", flying");
 	add(buffer, "\nnodes: %" PRIu64 " wanted, %" PRIu64 " drawn, %" PRIu64 " missing",
 	    report->nodes_wanted, report->nodes_drawn, report->nodes_missing);

@@ -25,6 +25,7 @@ struct window_text_facts {
 	const struct frame_report *report;
 	double bytes_per_s;
 	bool is_walking;
+	double fps; /* that the budget keeps; 0: none */
 };
 
 /** A few lines about the picture.  Returns: buffer, WINDOW_TEXT_BYTES long. */

@@ -36,8 +36,8 @@ static int open_store(struct world *world, const char *path, struct why *why)
 	return 0;
 }
 
-int world_init(struct world *ret, const char *socket_path, char *const *paths, uint32_t path_count,
-	       struct why *why)
+int world_init(struct world *ret, const char *socket_path, const char *const *daemon_options,
+	       char *const *paths, uint32_t path_count, struct why *why)
 {
 	struct world world = { 0 };
 	int r;
@@ -46,7 +46,7 @@ int world_init(struct world *ret, const char *socket_path, char *const *paths, u
 	if (path_count > WORLD_STORE_COUNT_MAX)
 		return why_set(why, -E2BIG, "%u stores: at most %u fit into one view", path_count,
 			       WORLD_STORE_COUNT_MAX);
-	r = ooc_connect(socket_path, "oocview", &world.client);
+	r = ooc_connect_or_start(socket_path, "oocview", daemon_options, &world.client);
 	if (r < 0)
 		return why_set(why, r, "%s", ooc_error_text(NULL));
 	for (uint32_t i = 0; i < path_count; i++) {
@@ -235,6 +235,15 @@ static void apply_budget(struct world *world, uint64_t budget_triangles)
 	world->want_triangles = triangles;
 }
 
+static bool fits(const struct world *world, uint64_t budget_triangles)
+{
+	uint64_t triangles = 0;
+
+	for (uint32_t i = 0; i < world->store_count; i++)
+		triangles += world->stores[i].superblock->triangle_count;
+	return budget_triangles == 0 || triangles <= budget_triangles;
+}
+
 int world_look(struct world *world, const struct camera *camera, double aspect,
 	       enum world_mode mode, uint64_t budget_triangles, struct why *why)
 {
@@ -244,11 +253,13 @@ int world_look(struct world *world, const struct camera *camera, double aspect,
 		return r;
 	world->want_count = 0;
 	world->want_triangles = 0;
+	world->nodes_visited = 0;
+	world->fits_budget = mode == WORLD_MODE_APPROXIMATE && fits(world, budget_triangles);
 	for (uint32_t i = 0; i < world->store_count; i++) {
 		struct world_store *store = &world->stores[i];
 		struct selection selection;
 
-		if (mode == WORLD_MODE_FULL)
+		if (mode == WORLD_MODE_FULL || world->fits_budget)
 			select_frustum(store->selector, &store->view, &selection);
 		else
 			select_layers(store->selector, &store->view, budget_triangles, &selection);
@@ -256,11 +267,12 @@ int world_look(struct world *world, const struct camera *camera, double aspect,
 		if (r < 0)
 			return why_errno(why, r, "the list of wanted nodes");
 		world->want_triangles += selection.triangle_count;
+		world->nodes_visited += selection.nodes_visited;
 	}
 	if (world->store_count == 1)
 		return 0;
 	qsort(world->wants, world->want_count, sizeof(*world->wants), compare_wants);
-	if (mode == WORLD_MODE_APPROXIMATE && budget_triangles > 0)
+	if (mode == WORLD_MODE_APPROXIMATE && !world->fits_budget)
 		apply_budget(world, budget_triangles);
 	return 0;
 }

@@ -55,6 +55,8 @@ struct world {
 	struct world_want *wants;
 	size_t want_count;
 	uint64_t want_triangles;
+	uint64_t nodes_visited; /* to find them */
+	bool fits_budget;       /* all of the world does: nothing had to be chosen */
 
 	size_t want_room;
 	struct ooc_want *ooc_wants; /* as many as wants: scratch of world_ask() */
@@ -63,13 +65,14 @@ struct world {
 /**
  * Connects and opens all stores.
  *
- * socket_path:  NULL: the usual places.
+ * socket_path:     NULL: the usual places.
+ * daemon_options:  for a daemon that has to be started, as ooc_connect_or_start() takes them.
  *
  * Returns: 0, or a negative errno with the store and the reason.
  * Ownership: ended with world_done(), which accepts one that is all zero.
  */
-int world_init(struct world *ret, const char *socket_path, char *const *paths, uint32_t path_count,
-	       struct why *why);
+int world_init(struct world *ret, const char *socket_path, const char *const *daemon_options,
+	       char *const *paths, uint32_t path_count, struct why *why);
 void world_done(struct world *world);
 
 /** The whole world, well framed. */
@@ -85,7 +88,8 @@ bool world_box(const struct world *world, double ret_min[3], double ret_max[3]);
 /**
  * Points the camera: makes each store's view and the list of wanted nodes.
  *
- * budget_triangles:  for WORLD_MODE_APPROXIMATE; over all stores.
+ * budget_triangles:  for WORLD_MODE_APPROXIMATE; over all stores; 0: no limit.  A world that has no
+ *                    more is not chosen from: all that is in the frustum is wanted.
  *
  * Returns: 0, -EINVAL when the camera has no direction, or -ENOMEM.
  */
