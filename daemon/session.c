@@ -586,6 +586,8 @@ int session_create(const struct session_config *config, int socket_fd, struct se
 	session->page = session->page_file.base;
 	visible_init(&session->visible, config->cache, config->fills, session->page);
 	atomic_init(&session->page->epoch, config->epoch);
+	/* A client that has just been greeted looks at it (session_tell() comes later). */
+	atomic_init(&session->page->cache_bytes, config->cache->budget_bytes);
 	r = memfile_publish(&session->page_file, MEMFILE_CHANGING, why);
 	if (r < 0)
 		(void)fd_close(socket_fd);
