@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <stdlib.h>
+#include <sys/stat.h>
 
 #include "formats/base/bytes.h"
 #include "formats/base/check.h"
@@ -115,6 +116,28 @@ uint8_t *arena_address(const struct arena *arena, struct place place)
 uint64_t arena_bytes(const struct arena *arena)
 {
 	return arena->segment_count * arena->segment_bytes;
+}
+
+uint64_t arena_huge_bytes(const struct arena *arena)
+{
+	uint64_t bytes = 0;
+
+	LIST_FOR_EACH (link, &arena->in_order)
+		bytes += ARENA_SEGMENT(link)->memfile.huge_bytes;
+	return bytes;
+}
+
+uint64_t arena_memory_bytes(const struct arena *arena)
+{
+	uint64_t bytes = 0;
+
+	LIST_FOR_EACH (link, &arena->in_order) {
+		struct stat status;
+
+		if (fstat(ARENA_SEGMENT(link)->memfile.read_fd, &status) == 0)
+			bytes += (uint64_t)status.st_blocks * 512;
+	}
+	return bytes;
 }
 
 uint64_t arena_free_pages(const struct arena *arena)

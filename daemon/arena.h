@@ -74,6 +74,10 @@ void arena_give(struct arena *arena, struct place place);
 
 uint8_t *arena_address(const struct arena *arena, struct place place);
 uint64_t arena_bytes(const struct arena *arena);
+/** Bytes of it that lie in huge pages. */
+uint64_t arena_huge_bytes(const struct arena *arena);
+/** Bytes that the kernel counts for its memory files. */
+uint64_t arena_memory_bytes(const struct arena *arena);
 uint64_t arena_free_pages(const struct arena *arena);
 /** 0: all free space is in one run (a segment's size counts as whole) .. 1: in dust. */
 double arena_fragmentation(const struct arena *arena);

@@ -63,6 +63,10 @@ static void evict(struct served *served, uint32_t index)
 	arena_give(&served->arena, node->place);
 	served->ready_count--;
 	served->counters.evictions++;
+	served->counters.prefetch_wasted += node->unused_prefetch;
+	node->unused_prefetch = false;
+	node->was_evicted = true;
+	node->since_ds = clock_now_ds();
 }
 
 /* Where the first run that has an owner begins, from a run's first page on; `end` if there is none. */
@@ -423,6 +427,7 @@ int cache_begin_fill(struct cache *cache, struct served *served, uint32_t index,
 	if (r < 0)
 		return r;
 	node_begin_fill(node, word_of(served, index), place, fill);
+	node->was_evicted = false;
 	pin(cache, served, index);
 	grow_ahead(cache, served);
 	return 0;
@@ -449,7 +454,9 @@ void cache_end_fill(struct cache *cache, struct served *served, uint32_t index)
 	struct node *node = &served->nodes[index];
 
 	node_end_fill(node, word_of(served, index));
+	node->since_ds = clock_now_ds();
 	served->ready_count++;
+	served->counters.filled++;
 	if (node->state == NODE_FREE)
 		set_free(cache, served, index);
 	else
@@ -462,6 +469,7 @@ void cache_fail_fill(struct cache *cache, struct served *served, uint32_t index,
 	struct segment *segment = segment_of(served, node);
 
 	node_fail_fill(node, word_of(served, index), damaged);
+	node->unused_prefetch = false;
 	unpin(cache, served, index);
 	arena_give(&served->arena, node->place);
 	served->counters.errors++;
@@ -475,6 +483,11 @@ void cache_hold(struct cache *cache, struct served *served, uint32_t index)
 	bool was_free = node->state == NODE_FREE;
 
 	node_hold(node, word_of(served, index));
+	served->counters.holds++;
+	if (node->unused_prefetch) {
+		node->unused_prefetch = false;
+		served->counters.prefetch_used++;
+	}
 	if (!was_free)
 		return;
 	list_remove(&node->link);
@@ -487,10 +500,19 @@ void cache_release(struct cache *cache, struct served *served, uint32_t index)
 	struct node *node = &served->nodes[index];
 
 	node_release(node, word_of(served, index));
+	served->counters.releases++;
 	if (node->state != NODE_FREE)
 		return;
 	served->held_pages -= served_pages(served, index);
 	set_free(cache, served, index);
+}
+
+bool cache_evict(struct served *served, uint32_t index)
+{
+	if (served->nodes[index].state != NODE_FREE)
+		return false;
+	evict(served, index);
+	return true;
 }
 
 void cache_warm_up(struct cache *cache, struct served *served)

@@ -89,6 +89,9 @@ void cache_fail_fill(struct cache *cache, struct served *served, uint32_t index,
 void cache_hold(struct cache *cache, struct served *served, uint32_t index);
 void cache_release(struct cache *cache, struct served *served, uint32_t index);
 
+/** Evicts a node that is FREE.  Returns: was it? */
+bool cache_evict(struct served *served, uint32_t index);
+
 /** Makes the first segment of a store before anybody waits for it. */
 void cache_warm_up(struct cache *cache, struct served *served);
 

@@ -28,6 +28,7 @@ struct connection {
 	int peer_fd;
 	struct ucred peer;
 	bool broken;
+	int error; /* that goes with the reason */
 	bool has_reason;
 	struct why reason;
 	_Alignas(8) uint8_t message[WIRE_MESSAGE_BYTES_MAX];
@@ -48,7 +49,7 @@ void connection_break(struct connection *connection, int error, const char *text
 {
 	if (connection->broken)
 		return;
-	(void)why_set(&connection->reason, error, "%s", text);
+	connection->error = why_set(&connection->reason, error, "%s", text);
 	connection->has_reason = true;
 	set_broken(connection);
 }
@@ -94,6 +95,7 @@ static void receive(struct connection *connection)
 	if (r < 0) {
 		for (size_t i = 0; i < fd_count; i++)
 			(void)fd_close(fds[i]);
+		connection->error = r;
 		connection->has_reason = true;
 		set_broken(connection);
 		return;
@@ -239,4 +241,25 @@ pid_t connection_pid(const struct connection *connection)
 uid_t connection_uid(const struct connection *connection)
 {
 	return connection->peer.uid;
+}
+
+int connection_error(const struct connection *connection)
+{
+	return connection->error;
+}
+
+bool connection_in_group(const struct connection *connection, gid_t gid)
+{
+	/* As many as Linux allows a process. */
+	static gid_t groups[65536];
+	socklen_t length = sizeof(groups);
+
+	if (connection->peer.gid == gid)
+		return true;
+	if (getsockopt(connection->socket_fd, SOL_SOCKET, SO_PEERGROUPS, groups, &length) < 0)
+		return false;
+	for (size_t i = 0; i < length / sizeof(groups[0]); i++)
+		if (groups[i] == gid)
+			return true;
+	return false;
 }

@@ -74,5 +74,9 @@ bool connection_is_quiet(struct connection *connection);
 
 pid_t connection_pid(const struct connection *connection);
 uid_t connection_uid(const struct connection *connection);
+/** Why it was broken from our side, an errno; 0: the client hung up, or nothing was broken yet. */
+int connection_error(const struct connection *connection);
+/** Was the client's user in the group when it connected? */
+bool connection_in_group(const struct connection *connection, gid_t gid);
 
 #endif /* DAEMON_CONNECTION_H */

@@ -42,6 +42,7 @@ struct fetch {
 	void *done_arg;
 	struct why degraded;
 	uint32_t depth;
+	uint64_t read_bytes;
 	uint32_t in_flight;
 	uint32_t first_free; /* op */
 	struct list waiting;
@@ -284,6 +285,11 @@ uint32_t fetch_in_flight(const struct fetch *fetch)
 	return fetch->in_flight;
 }
 
+uint64_t fetch_read_bytes(const struct fetch *fetch)
+{
+	return fetch->read_bytes;
+}
+
 int fetch_fd(const struct fetch *fetch)
 {
 	return fetch->backend->calls->fd(fetch->backend);
@@ -327,6 +333,8 @@ static void on_event(struct fetch *fetch, struct fetch_event event)
 	struct fetch_op *op = op_of_tag(fetch, event.tag);
 	uint32_t done_bytes;
 
+	if (event.result > 0)
+		fetch->read_bytes += (uint32_t)event.result;
 	if (event.result < 0 && event.result != -EINTR && event.result != -EAGAIN) {
 		op_end(fetch, op, event.result);
 		return;

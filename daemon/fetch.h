@@ -114,6 +114,9 @@ int fetch_has_room(const struct fetch *fetch);
 /** Pieces being read now. */
 uint32_t fetch_in_flight(const struct fetch *fetch);
 
+/** Bytes that the back end has read so far, whole blocks and what was read twice included. */
+uint64_t fetch_read_bytes(const struct fetch *fetch);
+
 /** Readable when fetch_dispatch() has something to do. */
 int fetch_fd(const struct fetch *fetch);
 

@@ -8,6 +8,7 @@
 
 #include "daemon/limits.h"
 #include "formats/base/check.h"
+#include "formats/base/clock.h"
 #include "formats/base/log.h"
 #include "formats/codec/codec.h"
 #include "formats/store/payload.h"
@@ -303,11 +304,18 @@ static void fill_read(struct fills *fills, struct fill *fill)
 	CHECK(r == 0);
 }
 
+/* Was it evicted a moment ago?  Then another node should have been. */
+static bool is_regretted(const struct node *node)
+{
+	return node->was_evicted && clock_now_ds() - node->since_ds < REGRET_DS;
+}
+
 int fills_start(struct fills *fills, struct served *served, uint32_t index, uint32_t session,
 		bool prefetch)
 {
 	const struct store_node *record = &served->records[index];
 	struct fill *fill;
+	bool regretted = is_regretted(&served->nodes[index]);
 	uint32_t staging_page;
 	int r;
 
@@ -335,11 +343,14 @@ int fills_start(struct fills *fills, struct served *served, uint32_t index, uint
 	fill->session = session;
 	fill->staging_page = staging_page;
 	fill->prefetch = prefetch;
+	served->nodes[index].payer = session;
+	served->nodes[index].unused_prefetch = prefetch;
 	if (prefetch) {
 		fills->prefetch_bytes += record->stored_bytes;
 		served->counters.prefetches++;
 	} else {
 		served->counters.fetches++;
+		served->counters.regrets += regretted;
 	}
 	fill_read(fills, fill);
 	return 0;
@@ -356,6 +367,7 @@ void fills_upgrade(struct fills *fills, const struct served *served, uint32_t in
 	if (!fill->prefetch)
 		return;
 	fill->prefetch = false;
+	fill->served->counters.upgrades++;
 	fills->prefetch_bytes -= fill->record->stored_bytes;
 }
 

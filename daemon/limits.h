@@ -62,6 +62,11 @@
 /** Bytes of a client's turn when several wait for the disk. */
 #define TURN_BYTES (512u * KIB)
 
+/** Of the cache, what administrators may pin: 1 / this. */
+#define RESIDENT_SHARE 2u
+/** Tenths of a second after an eviction in which a fetch of the node regrets it. */
+#define REGRET_DS 100u
+
 /** Lines about one store's failing nodes; what comes after is only counted. */
 #define STORE_LOG_LINES_MAX 20u
 

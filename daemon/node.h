@@ -29,6 +29,7 @@
 #ifndef DAEMON_NODE_H
 #define DAEMON_NODE_H
 
+#include <assert.h>
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -81,7 +82,17 @@ enum node_state {
 
 #define NODE_NO_FILL UINT32_MAX
 
-/** One node.  Read freely on the loop thread, written only by node.c, but for link and last_use. */
+/** Does an administrator want the node to stay in the cache?  See residents.h. */
+enum residence {
+	RESIDENCE_NONE,
+	RESIDENCE_WANTED, /* it comes when there is time */
+	RESIDENCE_HELD,   /* one of its holds is for that */
+};
+
+/**
+ * One node, a cache line.  Read freely on the loop thread, written only by node.c, but for link,
+ * last_use and what is said of its past.
+ */
 struct node {
 	struct list link; /* served.lru, while FREE */
 	uint64_t last_use;
@@ -90,7 +101,15 @@ struct node {
 	uint32_t hold_count;
 	uint32_t fill; /* while BUSY */
 	enum node_state state;
+
+	uint32_t since_ds;    /* clock_now_ds() when it came in, or when it was evicted */
+	uint32_t payer;       /* session for which it was read; 0: none */
+	bool was_evicted;     /* ABSENT, and it was there once */
+	bool unused_prefetch; /* a prefetch brings it, and nobody has held it */
+	uint8_t residence;    /* enum residence */
 };
+
+static_assert(sizeof(struct node) <= 64, "millions of them are walked");
 
 void node_init(struct node *node);
 

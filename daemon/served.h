@@ -18,6 +18,7 @@
 #include <sys/types.h>
 
 #include "daemon/arena.h"
+#include "daemon/counters.h"
 #include "daemon/memfile.h"
 #include "daemon/node.h"
 #include "formats/base/list.h"
@@ -26,19 +27,6 @@
 #include "libclient/wire.h"
 
 #define SERVED_PATH_BYTES 1024u
-
-/** What has happened since the store was opened.  hits + misses are the nodes asked for. */
-struct served_counters {
-	uint64_t hits;   /* wanted by a set that had not wanted it, and there */
-	uint64_t misses; /* and not there */
-	uint64_t fetches;
-	uint64_t prefetches;
-	uint64_t evictions;
-	uint64_t read_bytes;
-	uint64_t errors; /* fills that failed */
-	/* Fills that found no room, though enough for them was free in pieces too small. */
-	uint64_t fragmented;
-};
 
 struct served {
 	struct list link; /* cache.stores */
@@ -66,10 +54,15 @@ struct served {
 	bool direct;   /* O_DIRECT */
 	uint32_t file; /* of the fetch layer */
 	uint32_t attach_count;
-	bool keep;              /* named on the command line: never closed */
-	uint64_t idle_since_ns; /* attach_count is 0 since */
-	uint32_t logged_count;  /* lines about its nodes; bounded */
-	struct served_counters counters;
+	bool keep;                      /* named on the command line: never closed */
+	uint64_t idle_since_ns;         /* attach_count is 0 since */
+	uint32_t logged_count;          /* lines about its nodes; bounded */
+	struct store_counters counters; /* since it was opened */
+	/* Nodes that an administrator wants resident; see residents.h. */
+	uint32_t resident_count;
+	uint32_t resident_wanted_count; /* of them without a hold yet */
+	uint64_t resident_pages;
+	uint32_t resident_next; /* no ABSENT one that is wanted lies before it */
 };
 
 /**

@@ -60,6 +60,7 @@ static int on_round(sd_event_source *source, void *arg)
 	if (!server->stopping) {
 		LIST_FOR_EACH (link, &server->sessions)
 			session_retry(LIST_ENTRY(link, struct session, link));
+		residents_retry(&server->residents);
 		queues_pump(&server->queues);
 	}
 	fetch_flush(server->fetch);
@@ -122,9 +123,16 @@ static void call_open(void *arg, struct session *session, uint32_t slot, uint32_
 	server_open(arg, session, slot, ticket, fd, path);
 }
 
-static char *call_status(void *arg)
+static int call_answer(void *arg, struct session *session, const struct wire_header *question,
+		       char **ret_text, struct why *why)
 {
-	return server_status(arg);
+	struct server *server = arg;
+
+	if (question->type == WIRE_ADMIN)
+		return server_admin(server, session, (const struct wire_admin *)question, ret_text,
+				    why);
+	*ret_text = server_status(server, session);
+	return *ret_text ? 0 : why_errno(why, -ENOMEM, "the status");
 }
 
 static void call_active(void *arg)
@@ -140,10 +148,30 @@ static void end_session(struct session *session)
 	account_leave(account);
 }
 
+static enum session_end end_of(const struct session *session)
+{
+	switch (-connection_error(session->connection)) {
+	case 0:
+		return SESSION_END_HUNG_UP;
+	case ETIMEDOUT:
+		return SESSION_END_SILENT;
+	case EAGAIN:
+		return SESSION_END_UNREAD;
+	case EPROTO:
+	case EMSGSIZE:
+	case E2BIG:
+	case EPROTONOSUPPORT:
+		return SESSION_END_PROTOCOL;
+	default:
+		return SESSION_END_OTHER;
+	}
+}
+
 static void call_gone(void *arg, struct session *session)
 {
 	struct server *server = arg;
 
+	server->session_ends[end_of(session)]++;
 	end_session(session);
 	server->session_count--;
 	/* What it held may be what others wait for. */
@@ -152,7 +180,7 @@ static void call_gone(void *arg, struct session *session)
 
 static const struct session_calls session_calls = {
 	.open = call_open,
-	.status = call_status,
+	.answer = call_answer,
 	.active = call_active,
 	.gone = call_gone,
 };
@@ -207,6 +235,7 @@ static void add_client(struct server *server, int fd)
 
 	if (join_account(server, fd, &config.account, &why) < 0) {
 		refuse_client(fd, &why);
+		server->refused_count++;
 		return;
 	}
 	if (session_create(&config, fd, &session, &why) < 0) {
@@ -218,22 +247,26 @@ static void add_client(struct server *server, int fd)
 		server->next_number = 1;
 	list_push_back(&server->sessions, &session->link);
 	server->session_count++;
+	server->accepted_count++;
 	server->idle_since_ns = 0;
 }
 
 /* Some a round, so that a storm of connections starves neither those connected nor those behind it. */
 static int on_listen(sd_event_source *source, int listen_fd, uint32_t events, void *arg)
 {
+	struct server *server = arg;
+
 	(void)events;
 	for (uint32_t i = 0; i < ACCEPT_COUNT_MAX; i++) {
 		int fd = accept4(listen_fd, NULL, NULL, SOCK_CLOEXEC | SOCK_NONBLOCK);
 
 		if (fd >= 0) {
-			add_client(arg, fd);
+			add_client(server, fd);
 			continue;
 		}
 		/* The socket stays readable: without this the loop would spin. */
 		if (errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == ENOBUFS) {
+			server->accept_error = -errno;
 			log_warning("a client cannot be accepted: %s", strerror(errno));
 			(void)sd_event_source_set_enabled(source, SD_EVENT_OFF);
 		}
@@ -269,6 +302,7 @@ static void on_fill_ended(void *arg, const struct fill_result *result)
 {
 	struct server *server = arg;
 
+	residents_fill_ended(&server->residents, result);
 	LIST_FOR_EACH (link, &server->sessions)
 		session_fill_ended(LIST_ENTRY(link, struct session, link), result);
 }
@@ -337,6 +371,7 @@ static int create_parts(struct server *server, struct why *why)
 		log_warning("%s; reading with threads instead", fetch_degraded(server->fetch));
 	fills_set_fetch(server->fills, server->fetch);
 	queues_init(&server->queues, server->fills);
+	residents_init(&server->residents, &server->cache, &server->queues);
 	return 0;
 }
 
@@ -466,6 +501,7 @@ struct server *server_destroy(struct server *server)
 		end_session(LIST_ENTRY(link, struct session, link));
 	}
 	accounts_done(&server->accounts);
+	residents_done(&server->residents);
 	server->workers = workers_destroy(server->workers);
 	server->fetch = fetch_destroy(server->fetch);
 	server->fills = fills_destroy(server->fills);

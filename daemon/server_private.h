@@ -12,9 +12,20 @@
 #include "daemon/fills.h"
 #include "daemon/listener.h"
 #include "daemon/queues.h"
+#include "daemon/residents.h"
 #include "daemon/server.h"
 #include "daemon/session.h"
 #include "daemon/workers.h"
+
+/** How clients have gone. */
+enum session_end {
+	SESSION_END_HUNG_UP,  /* or died */
+	SESSION_END_PROTOCOL, /* broke it */
+	SESSION_END_SILENT,   /* did not say HELLO */
+	SESSION_END_UNREAD,   /* did not read what it was sent */
+	SESSION_END_OTHER,
+	SESSION_END_COUNT_
+};
 
 struct server {
 	struct server_config config;
@@ -34,13 +45,19 @@ struct server {
 	struct workers *workers;
 	struct fills *fills;
 	struct queues queues;
+	struct residents residents;
+	struct store_counters closed_counters; /* of stores that are served no longer */
 
 	struct accounts accounts;
 	struct list sessions;
 	uint32_t session_count;
+	uint64_t accepted_count; /* clients, ever */
+	uint64_t refused_count;  /* for there were too many */
+	uint64_t session_ends[SESSION_END_COUNT_];
 	uint32_t next_number;
 	uint32_t opening_count; /* OPENs that are with a worker */
 	uint64_t idle_since_ns; /* nobody is connected since; 0: somebody is */
+	int accept_error;       /* the last failure to accept a client, or 0 */
 	int buffer_error;       /* the last failure to register memory, or 0 */
 	bool stopping;
 	uint32_t round_count;
@@ -69,9 +86,39 @@ void server_close_stores(struct server *server);
  */
 int server_want_store(struct server *server, const char *path, struct why *why);
 
+/* ---- admin.c ---- */
+
+/** May it give orders, and see what others do? */
+bool server_is_admin(const struct server *server, const struct session *session);
+/** Answers an ADMIN; see session_calls.answer. */
+int server_admin(struct server *server, struct session *session, const struct wire_admin *admin,
+		 char **ret_text, struct why *why);
+
+/* ---- degraded.c ---- */
+
+/** What a sentence is shown to. */
+typedef void (*degraded_fn)(void *arg, const char *sentence);
+/**
+ * Names everything that works worse than it could, each with what to do.
+ *
+ * sees:  may whoever looks know of this store?
+ */
+void server_degraded(const struct server *server,
+		     bool (*sees)(const void *arg, const struct served *served), degraded_fn tell,
+		     void *arg);
+
 /* ---- status.c ---- */
 
-/** The status as JSON.  Ownership: free().  NULL: no memory. */
-char *server_status(struct server *server);
+/** Names of refusals' reasons and of sessions' ends, as status and metrics have them. */
+extern const char *const status_reason_names[WIRE_REASON_COUNT_];
+extern const char *const status_end_names[SESSION_END_COUNT_];
+
+/** Counters of all stores, of those served no longer as well. */
+void server_sum(const struct server *server, struct store_counters *ret);
+/** What waits, over all clients. */
+void server_waiting(const struct server *server, uint64_t *ret_fetches, uint64_t *ret_prefetches);
+
+/** What a session may know of the daemon, as JSON.  Ownership: free().  NULL: no memory. */
+char *server_status(struct server *server, const struct session *session);
 
 #endif /* DAEMON_SERVER_PRIVATE_H */

@@ -32,6 +32,7 @@ static struct served *store_find(struct server *server, dev_t device, ino_t inod
 static void store_close_served(struct server *server, struct served *served)
 {
 	cache_remove_store(&server->cache, served);
+	store_counters_add(&server->closed_counters, &served->counters);
 	fetch_remove_file(server->fetch, served->file);
 	served_close(served);
 }
@@ -39,7 +40,7 @@ static void store_close_served(struct server *server, struct served *served)
 static bool store_is_idle(const struct served *served)
 {
 	return served->attach_count == 0 && served->pinned_pages == 0 && !served->segment_coming &&
-	       !served->keep;
+	       !served->keep && served->resident_count == 0;
 }
 
 /* Room in the table of stores, if need be by closing the one that has been idle for the longest. */

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "daemon/inspect.h"
 #include "daemon/limits.h"
 #include "formats/base/check.h"
 #include "formats/base/clock.h"
@@ -138,6 +139,116 @@ void session_tell_segment_gone(struct session *session, const struct served *ser
 		message.store = (uint32_t)__builtin_ctzll(slots);
 		if (session->visible.attachments[message.store]->served == served)
 			(void)send_message(session, &message, sizeof(message), NULL, 0);
+	}
+}
+
+/* ---- what is owed ---- */
+
+static bool is_owed(const struct session *session)
+{
+	return session->visible.untold_count > 0 || session->question != 0 ||
+	       (session->events && session->visible.changed);
+}
+
+static void send_refusals(struct session *session)
+{
+	_Alignas(8) uint8_t
+		bytes[sizeof(struct wire_not_now) + REFUSALS_MAX * sizeof(struct wire_refusal)];
+	struct wire_not_now *message = (struct wire_not_now *)(void *)bytes;
+	uint32_t count = visible_take_refusals(&session->visible, message->entries, REFUSALS_MAX);
+
+	message->serial = session->visible.serial;
+	message->entry_count = count;
+	message->reserved = 0;
+	wire_header_init(&message->header, WIRE_NOT_NOW,
+			 sizeof(*message) + count * sizeof(message->entries[0]));
+	(void)send_message(session, message, message->header.bytes, NULL, 0);
+}
+
+static void send_text(struct session *session)
+{
+	_Alignas(8) uint8_t bytes[WIRE_MESSAGE_BYTES_MAX / 2];
+	struct wire_text *message = (struct wire_text *)(void *)bytes;
+	size_t piece_bytes =
+		u64_min(session->text_bytes - session->text_sent, sizeof(bytes) - sizeof(*message));
+
+	memcpy(message->text, session->text + session->text_sent, piece_bytes);
+	session->text_sent += piece_bytes;
+	message->last = session->text_sent == session->text_bytes;
+	message->text_bytes = (uint32_t)piece_bytes;
+	wire_header_init(&message->header, WIRE_TEXT, sizeof(*message) + piece_bytes);
+	(void)send_message(session, message, message->header.bytes, NULL, 0);
+	if (message->last) {
+		free(session->text);
+		session->text = NULL;
+		session->question = 0;
+	}
+}
+
+static void send_nodes(struct session *session)
+{
+	_Alignas(8) uint8_t bytes[sizeof(struct wire_nodes) +
+				  WIRE_NODES_ENTRY_COUNT_MAX * sizeof(struct wire_node)];
+	struct wire_nodes *message = (struct wire_nodes *)(void *)bytes;
+	const struct attachment *attachment = session->visible.attachments[session->nodes_store];
+	struct why why;
+
+	session->question = 0;
+	if (!attachment) {
+		(void)why_set(&why, -ENOENT, "the store is not open in this session");
+		send_error(session, -ENOENT, WIRE_STATUS, session->nodes_store, &why);
+		return;
+	}
+	*message = (struct wire_nodes){
+		.store = session->nodes_store,
+		.first = session->nodes_first,
+		.entry_count =
+			inspect_nodes(attachment->served, session->nodes_first, message->entries),
+	};
+	wire_header_init(&message->header, WIRE_NODES,
+			 sizeof(*message) + message->entry_count * sizeof(message->entries[0]));
+	(void)send_message(session, message, message->header.bytes, NULL, 0);
+}
+
+static void send_event(struct session *session)
+{
+	const struct visible *visible = &session->visible;
+	const struct wire_session_page *page = session->page;
+	struct wire_event message = {
+		.serial = visible->serial,
+		.settled = atomic_load_explicit(&page->settled, memory_order_relaxed) ==
+			   visible->serial,
+		.complete = atomic_load_explicit(&page->complete, memory_order_relaxed) ==
+			    visible->serial,
+		.missing_count = visible_missing_count(visible),
+	};
+
+	wire_header_init(&message.header, WIRE_EVENT, sizeof(message));
+	session->visible.changed = false;
+	(void)send_message(session, &message, sizeof(message), NULL, 0);
+}
+
+/* Refusals go before what settles the set, so that whoever sees it settled can know why. */
+static void pump(struct session *session)
+{
+	while (is_owed(session)) {
+		if (!connection_can_send(session->connection)) {
+			connection_want_send(session->connection);
+			if (session->owed_since_ns == 0)
+				session->owed_since_ns = clock_now_ns();
+			return;
+		}
+		session->owed_since_ns = 0;
+		if (session->visible.untold_count > 0) {
+			send_refusals(session);
+			visible_settle(&session->visible);
+		} else if (session->events && session->visible.changed) {
+			send_event(session);
+		} else if (session->text) {
+			send_text(session);
+		} else {
+			send_nodes(session);
+		}
 	}
 }
 
@@ -284,19 +395,46 @@ static void on_prefetch(struct session *session, const struct wire_prefetch *pre
 	session->calls->active(session->calls_arg);
 }
 
-static void on_status(struct session *session)
+/* An answer that has not gone yet is not added to: it would be memory for one who does not read. */
+static bool may_ask(struct session *session, uint16_t type)
 {
-	/* One at a time: the answer that is on its way is the answer. */
-	if (session->text)
+	if (session->question == 0)
+		return true;
+	reject(session, type, -EPROTO, "a question before the last one's answer was read");
+	return false;
+}
+
+static void on_question(struct session *session, const struct wire_header *question)
+{
+	struct why why;
+	int r;
+
+	if (!may_ask(session, question->type))
 		return;
-	session->text = session->calls->status(session->calls_arg);
-	if (!session->text) {
-		reject(session, WIRE_STATUS, -ENOMEM, "no memory for the status");
+	r = session->calls->answer(session->calls_arg, session, question, &session->text, &why);
+	if (r < 0) {
+		send_error(session, r, question->type, 0, &why);
 		return;
 	}
+	session->question = question->type;
 	session->text_bytes = strlen(session->text);
 	session->text_sent = 0;
 	session->calls->active(session->calls_arg);
+	pump(session);
+}
+
+static void on_status(struct session *session, const struct wire_status *status)
+{
+	if (status->what != WIRE_STATUS_NODES) {
+		on_question(session, &status->header);
+		return;
+	}
+	if (!may_ask(session, WIRE_STATUS))
+		return;
+	session->question = WIRE_STATUS;
+	session->nodes_store = status->store;
+	session->nodes_first = status->first;
+	pump(session);
 }
 
 static void on_message(void *arg, const void *message, const int *fds, size_t fd_count)
@@ -331,7 +469,10 @@ static void on_message(void *arg, const void *message, const int *fds, size_t fd
 		on_prefetch(session, message);
 		break;
 	case WIRE_STATUS:
-		on_status(session);
+		on_status(session, message);
+		break;
+	case WIRE_ADMIN:
+		on_question(session, message);
 		break;
 	case WIRE_WELCOME:
 	case WIRE_OPENED:
@@ -341,93 +482,14 @@ static void on_message(void *arg, const void *message, const int *fds, size_t fd
 	case WIRE_NOT_NOW:
 	case WIRE_TEXT:
 	case WIRE_ERROR:
+	case WIRE_NODES:
 		/* wire_check() lets none of these through from a client. */
 		CHECK(false);
 		break;
 	}
 }
 
-/* ---- what is owed ---- */
-
-static bool is_owed(const struct session *session)
-{
-	return session->visible.untold_count > 0 || session->text != NULL ||
-	       (session->events && session->visible.changed);
-}
-
-static void send_refusals(struct session *session)
-{
-	_Alignas(8) uint8_t
-		bytes[sizeof(struct wire_not_now) + REFUSALS_MAX * sizeof(struct wire_refusal)];
-	struct wire_not_now *message = (struct wire_not_now *)(void *)bytes;
-	uint32_t count = visible_take_refusals(&session->visible, message->entries, REFUSALS_MAX);
-
-	message->serial = session->visible.serial;
-	message->entry_count = count;
-	message->reserved = 0;
-	wire_header_init(&message->header, WIRE_NOT_NOW,
-			 sizeof(*message) + count * sizeof(message->entries[0]));
-	(void)send_message(session, message, message->header.bytes, NULL, 0);
-}
-
-static void send_text(struct session *session)
-{
-	_Alignas(8) uint8_t bytes[WIRE_MESSAGE_BYTES_MAX / 2];
-	struct wire_text *message = (struct wire_text *)(void *)bytes;
-	size_t piece_bytes =
-		u64_min(session->text_bytes - session->text_sent, sizeof(bytes) - sizeof(*message));
-
-	memcpy(message->text, session->text + session->text_sent, piece_bytes);
-	session->text_sent += piece_bytes;
-	message->last = session->text_sent == session->text_bytes;
-	message->text_bytes = (uint32_t)piece_bytes;
-	wire_header_init(&message->header, WIRE_TEXT, sizeof(*message) + piece_bytes);
-	(void)send_message(session, message, message->header.bytes, NULL, 0);
-	if (message->last) {
-		free(session->text);
-		session->text = NULL;
-	}
-}
-
-static void send_event(struct session *session)
-{
-	const struct visible *visible = &session->visible;
-	const struct wire_session_page *page = session->page;
-	struct wire_event message = {
-		.serial = visible->serial,
-		.settled = atomic_load_explicit(&page->settled, memory_order_relaxed) ==
-			   visible->serial,
-		.complete = atomic_load_explicit(&page->complete, memory_order_relaxed) ==
-			    visible->serial,
-		.missing_count = visible_missing_count(visible),
-	};
-
-	wire_header_init(&message.header, WIRE_EVENT, sizeof(message));
-	session->visible.changed = false;
-	(void)send_message(session, &message, sizeof(message), NULL, 0);
-}
-
-/* Refusals go before what settles the set, so that whoever sees it settled can know why. */
-static void pump(struct session *session)
-{
-	while (is_owed(session)) {
-		if (!connection_can_send(session->connection)) {
-			connection_want_send(session->connection);
-			if (session->owed_since_ns == 0)
-				session->owed_since_ns = clock_now_ns();
-			return;
-		}
-		session->owed_since_ns = 0;
-		if (session->visible.untold_count > 0) {
-			send_refusals(session);
-			visible_settle(&session->visible);
-		} else if (session->events && session->visible.changed) {
-			send_event(session);
-		} else {
-			send_text(session);
-		}
-	}
-}
+/* ---- what is told in a round ---- */
 
 static void on_writable(void *arg)
 {
@@ -475,8 +537,7 @@ void session_tick(struct session *session, uint64_t now_ns)
 		connection_break(session->connection, -ETIMEDOUT, "it does not say HELLO");
 	if (session->owed_since_ns > 0 &&
 	    now_ns - session->owed_since_ns > STALL_SECONDS_MAX * NS_PER_S)
-		connection_break(session->connection, -ETIMEDOUT,
-				 "it does not read what it is sent");
+		connection_break(session->connection, -EAGAIN, "it does not read what it is sent");
 }
 
 /* ---- queues ---- */
@@ -584,7 +645,8 @@ int session_create(const struct session_config *config, int socket_fd, struct se
 		return r;
 	}
 	session->page = session->page_file.base;
-	visible_init(&session->visible, config->cache, config->fills, session->page);
+	visible_init(&session->visible, config->cache, config->fills, config->number,
+		     session->page);
 	atomic_init(&session->page->epoch, config->epoch);
 	/* A client that has just been greeted looks at it (session_tell() comes later). */
 	atomic_init(&session->page->cache_bytes, config->cache->budget_bytes);

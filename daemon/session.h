@@ -7,7 +7,7 @@
  *	GREETING  (gone)    anything else, or nothing for HELLO_SECONDS_MAX
  *	READY     (gone)    hang-up, death, a broken rule, or owed messages unread for too long
  *
- * What a client is owed (refusals, a status text, an event) is not queued: it is found out when the
+ * What a client is owed (refusals, an answer, an event) is not queued: it is found out when the
  * socket has room, so that a client that reads slowly gets fewer and newer messages, and one that
  * does not read costs nothing.
  *
@@ -38,8 +38,13 @@ struct session_calls {
 	 */
 	void (*open)(void *arg, struct session *session, uint32_t slot, uint32_t ticket, int fd,
 		     const char *path);
-	/** The status as JSON, for free(); NULL: no memory. */
-	char *(*status)(void *arg);
+	/**
+	 * The answer to a STATUS or an ADMIN, as a text for free().
+	 *
+	 * Returns: 0, or -errno with the reason, which the client is told instead.
+	 */
+	int (*answer)(void *arg, struct session *session, const struct wire_header *question,
+		      char **ret_text, struct why *why);
 	/** Something is to be done at the end of the round. */
 	void (*active)(void *arg);
 	/** It is over, and to be destroyed. */
@@ -84,9 +89,13 @@ struct session {
 	uint64_t prefetch_bytes; /* left of what this list may fill */
 
 	bool events; /* the set asks for them */
-	char *text;  /* status on its way */
+	/* The answer on its way, to `question`; 0: none is.  NODES is made when there is room for it. */
+	uint16_t question;
+	char *text; /* NULL: NODES */
 	size_t text_bytes;
 	size_t text_sent;
+	uint32_t nodes_store;
+	uint32_t nodes_first;
 	uint64_t owed_since_ns; /* 0: nothing waits for room in the socket */
 };
 

@@ -1,72 +1,236 @@
 /* SPDX-License-Identifier: MIT */
-/* What the daemon says of itself, as JSON: what it serves, to whom, and what it lacks. */
+/*
+ * What the daemon says of itself, as JSON: what it serves, to whom, and what it lacks.
+ *
+ * Administrators are told all.  Everybody else is told of the clients of his own user and of the
+ * stores that these have open, and sums of the rest: a store's path is a hint that a user who may not
+ * read it must not get.
+ */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "daemon/server_private.h"
-#include "formats/base/bytes.h"
 #include "formats/base/clock.h"
 #include "formats/base/text.h"
 
-#define HUGE_PAGE_BYTES (2u * MIB)
+const char *const status_reason_names[WIRE_REASON_COUNT_] = {
+	[WIRE_REASON_FULL] = "full",
+	[WIRE_REASON_DAMAGED] = "damaged",
+	[WIRE_REASON_UNREADABLE] = "unreadable",
+	[WIRE_REASON_NO_MEMORY] = "no_memory",
+};
+
+const char *const status_end_names[SESSION_END_COUNT_] = {
+	[SESSION_END_HUNG_UP] = "hung_up", [SESSION_END_PROTOCOL] = "protocol",
+	[SESSION_END_SILENT] = "silent",   [SESSION_END_UNREAD] = "unread",
+	[SESSION_END_OTHER] = "other",
+};
+
+/** Who looks, and where what he is shown goes. */
+struct view {
+	FILE *out;
+	struct server *server;
+	bool admin;
+	uid_t uid;
+	bool any_sentence;
+};
+
+static bool sees_client(const struct view *view, const struct session *session)
+{
+	return view->admin || connection_uid(session->connection) == view->uid;
+}
+
+static bool has_open(const struct session *session, const struct served *served)
+{
+	for (uint64_t slots = session->visible.attached; slots != 0; slots &= slots - 1)
+		if (session->visible.attachments[__builtin_ctzll(slots)]->served == served)
+			return true;
+	return false;
+}
+
+static bool sees_store(const void *arg, const struct served *served)
+{
+	const struct view *view = arg;
+
+	if (view->admin)
+		return true;
+	LIST_FOR_EACH (link, &view->server->sessions) {
+		const struct session *session = LIST_ENTRY(link, struct session, link);
+
+		if (sees_client(view, session) && has_open(session, served))
+			return true;
+	}
+	return false;
+}
+
+/* ---- sums ---- */
+
+void server_sum(const struct server *server, struct store_counters *ret)
+{
+	*ret = server->closed_counters;
+	LIST_FOR_EACH (link, &server->cache.stores)
+		store_counters_add(ret, &LIST_ENTRY(link, struct served, link)->counters);
+}
+
+void server_waiting(const struct server *server, uint64_t *ret_fetches, uint64_t *ret_prefetches)
+{
+	*ret_fetches = 0;
+	*ret_prefetches = 0;
+	LIST_FOR_EACH (link, &server->sessions) {
+		const struct session *session = LIST_ENTRY(link, struct session, link);
+
+		*ret_fetches += session->visible.counts[WANT_QUEUED];
+		*ret_prefetches += session->prefetch_count - session->prefetch_next;
+	}
+}
+
+/* ---- JSON ---- */
 
 static void write_number(FILE *out, const char *key, uint64_t value)
 {
 	fprintf(out, ",\"%s\":%llu", key, (unsigned long long)value);
 }
 
-static uint64_t huge_bytes_of(const struct served *served)
+static void write_counters(FILE *out, const struct store_counters *counters)
 {
-	uint64_t huge_bytes = 0;
-
-	LIST_FOR_EACH (link, &served->arena.in_order)
-		huge_bytes += ARENA_SEGMENT(link)->memfile.huge_bytes;
-	return huge_bytes;
+#define WRITE_COUNTER(name, help) write_number(out, #name, counters->name);
+	STORE_COUNTERS(WRITE_COUNTER)
+#undef WRITE_COUNTER
+	fputs(",\"refusals\":{", out);
+	for (uint32_t i = WIRE_REASON_NONE + 1; i < WIRE_REASON_COUNT_; i++)
+		fprintf(out, "%s\"%s\":%llu", i > WIRE_REASON_NONE + 1 ? "," : "",
+			status_reason_names[i], (unsigned long long)counters->refusals[i]);
+	fputc('}', out);
 }
 
 static void write_store(FILE *out, const struct served *served)
 {
-	const struct served_counters *counters = &served->counters;
-
 	fputs("{\"path\":", out);
 	text_write_json(out, served->path);
 	write_number(out, "generation", served->superblock->generation);
 	write_number(out, "nodes", served->node_count);
 	write_number(out, "clients", served->attach_count);
 	write_number(out, "arena_bytes", arena_bytes(&served->arena));
+	write_number(out, "memory_bytes", arena_memory_bytes(&served->arena));
 	write_number(out, "used_bytes", served->arena.used_pages * WIRE_PAGE_BYTES);
 	write_number(out, "held_bytes", served->held_pages * WIRE_PAGE_BYTES);
-	write_number(out, "huge_page_bytes", huge_bytes_of(served));
+	write_number(out, "pinned_nodes", served->resident_count);
+	write_number(out, "pinned_bytes", served->resident_pages * WIRE_PAGE_BYTES);
+	write_number(out, "huge_page_bytes", arena_huge_bytes(&served->arena));
 	write_number(out, "segments", served->arena.segment_count);
 	write_number(out, "segment_bytes", served->arena.segment_bytes);
 	fprintf(out, ",\"fragmentation\":%.4f", arena_fragmentation(&served->arena));
 	write_number(out, "ready_nodes", served->ready_count);
-	write_number(out, "hits", counters->hits);
-	write_number(out, "misses", counters->misses);
-	write_number(out, "fetches", counters->fetches);
-	write_number(out, "prefetches", counters->prefetches);
-	write_number(out, "evictions", counters->evictions);
-	write_number(out, "read_bytes", counters->read_bytes);
-	write_number(out, "errors", counters->errors);
-	write_number(out, "fragmented", counters->fragmented);
+	write_counters(out, &served->counters);
 	fputc('}', out);
+}
+
+/* Whose reads it lives on.  Sessions that the viewer does not see are numbers to him. */
+static void write_debts(FILE *out, const struct debts *debts)
+{
+	uint64_t nodes = debts->others;
+
+	for (uint32_t i = 0; i < debts->count; i++)
+		nodes += debts->debts[i].nodes;
+	write_number(out, "owed_nodes", nodes);
+	fputs(",\"owes\":[", out);
+	for (uint32_t i = 0; i < debts->count; i++)
+		fprintf(out, "%s{\"session\":%u,\"nodes\":%llu}", i > 0 ? "," : "",
+			debts->debts[i].session, (unsigned long long)debts->debts[i].nodes);
+	fputc(']', out);
 }
 
 static void write_client(FILE *out, const struct session *session)
 {
 	const struct visible *visible = &session->visible;
+	const struct visible_counters *counters = &visible->counters;
+	const struct wire_session_page *page = session->page;
 
-	fprintf(out, "{\"pid\":%d,\"uid\":%d,\"name\":", (int)connection_pid(session->connection),
-		(int)connection_uid(session->connection));
+	fprintf(out, "{\"session\":%u,\"pid\":%d,\"uid\":%u,\"name\":", session->number,
+		(int)connection_pid(session->connection),
+		(unsigned)connection_uid(session->connection));
 	text_write_json(out, session->name);
+	write_number(out, "connected_s", (clock_now_ns() - session->born_ns) / NS_PER_S);
+	write_number(out, "stores", (uint64_t)__builtin_popcountll(visible->attached));
 	write_number(out, "held_nodes", visible->held_count);
 	write_number(out, "held_bytes", visible->held_pages * WIRE_PAGE_BYTES);
 	write_number(out, "wanted_nodes", visible->count);
 	write_number(out, "waiting_nodes", visible_missing_count(visible));
 	write_number(out, "refused_nodes", visible->counts[WANT_REFUSED]);
 	write_number(out, "prefetch_nodes", session->prefetch_count - session->prefetch_next);
+	write_number(out, "sets", counters->sets);
+	write_number(out, "hits", counters->hits);
+	write_number(out, "misses", counters->misses);
+	write_number(out, "fetches", counters->fetches);
+	write_number(out, "refused", counters->refused);
+	write_number(out, "revocations", counters->revocations);
+	write_number(out, "fetched_bytes",
+		     atomic_load_explicit(&page->fetched_bytes, memory_order_relaxed));
+	write_number(out, "prefetched_bytes",
+		     atomic_load_explicit(&page->prefetched_bytes, memory_order_relaxed));
+	write_debts(out, &visible->debts);
 	fputc('}', out);
+}
+
+static void write_sentence(void *arg, const char *sentence)
+{
+	struct view *view = arg;
+
+	if (view->any_sentence)
+		fputc(',', view->out);
+	text_write_json(view->out, sentence);
+	view->any_sentence = true;
+}
+
+static void write_stores(struct view *view)
+{
+	const char *separator = "";
+	uint64_t other_count = 0;
+	uint64_t other_bytes = 0;
+
+	fputs(",\"stores\":[", view->out);
+	LIST_FOR_EACH (link, &view->server->cache.stores) {
+		const struct served *served = LIST_ENTRY(link, struct served, link);
+
+		if (!sees_store(view, served)) {
+			other_count++;
+			other_bytes += served->arena.used_pages * WIRE_PAGE_BYTES;
+			continue;
+		}
+		fputs(separator, view->out);
+		write_store(view->out, served);
+		separator = ",";
+	}
+	fputc(']', view->out);
+	write_number(view->out, "other_stores", other_count);
+	write_number(view->out, "other_stores_used_bytes", other_bytes);
+}
+
+static void write_clients(struct view *view)
+{
+	const char *separator = "";
+	uint64_t other_count = 0;
+	uint64_t other_bytes = 0;
+
+	fputs(",\"clients\":[", view->out);
+	LIST_FOR_EACH (link, &view->server->sessions) {
+		const struct session *session = LIST_ENTRY(link, struct session, link);
+
+		if (session->state != SESSION_READY)
+			continue;
+		if (!sees_client(view, session)) {
+			other_count++;
+			other_bytes += session->visible.held_pages * WIRE_PAGE_BYTES;
+			continue;
+		}
+		fputs(separator, view->out);
+		write_client(view->out, session);
+		separator = ",";
+	}
+	fputc(']', view->out);
+	write_number(view->out, "other_clients", other_count);
+	write_number(view->out, "other_clients_held_bytes", other_bytes);
 }
 
 static void write_account(FILE *out, const struct account *account)
@@ -88,143 +252,88 @@ static void write_account(FILE *out, const struct account *account)
 	fputc('}', out);
 }
 
-/* ---- what is degraded, each with what to do ---- */
-
-struct sentences {
-	FILE *out;
-	bool any;
-};
-
-static void write_sentence(struct sentences *sentences, const char *text)
-{
-	if (sentences->any)
-		fputc(',', sentences->out);
-	text_write_json(sentences->out, text);
-	sentences->any = true;
-}
-
-static void write_degraded_stores(struct sentences *sentences, const struct server *server)
-{
-	uint64_t could_bytes = 0;
-	uint64_t huge_bytes = 0;
-	char text[SERVED_PATH_BYTES + 160];
-
-	LIST_FOR_EACH (link, &server->cache.stores) {
-		const struct served *served = LIST_ENTRY(link, struct served, link);
-
-		if (served->arena.segment_bytes >= HUGE_PAGE_BYTES)
-			could_bytes += arena_bytes(&served->arena);
-		huge_bytes += huge_bytes_of(served);
-		if (served->direct)
-			continue;
-		(void)snprintf(
-			text, sizeof(text),
-			"%s: no direct reads, its bytes lie in the page cache too: keep it on "
-			"a file system with O_DIRECT",
-			served->path);
-		write_sentence(sentences, text);
-	}
-	if (huge_bytes < could_bytes) {
-		(void)snprintf(
-			text, sizeof(text),
-			"huge pages: %llu of %llu MiB: memory is fragmented, or the kernel is "
-			"older than 6.1 and /sys/kernel/mm/transparent_hugepage/shmem_enabled "
-			"is not advise",
-			(unsigned long long)(huge_bytes / MIB),
-			(unsigned long long)(could_bytes / MIB));
-		write_sentence(sentences, text);
-	}
-}
-
-static void write_degraded(FILE *out, const struct server *server)
-{
-	struct sentences sentences = { .out = out };
-	char text[256];
-
-	fputs(",\"degraded\":[", out);
-	if (fetch_degraded(server->fetch)[0] != '\0')
-		write_sentence(&sentences, fetch_degraded(server->fetch));
-	if (server->buffer_error < 0) {
-		(void)snprintf(text, sizeof(text),
-			       "memory cannot be registered for reading (%s): reads cost more "
-			       "processor time: raise LimitMEMLOCK or `ulimit -l`",
-			       strerror(-server->buffer_error));
-		write_sentence(&sentences, text);
-	}
-	if (server->config.disk) {
-		(void)snprintf(text, sizeof(text),
-			       "reads are slowed down on purpose (--disk %s): leave it out",
-			       server->config.disk->name);
-		write_sentence(&sentences, text);
-	}
-	if (server->cache.short_since_ns > 0)
-		write_sentence(&sentences,
-			       "memory is short: the cache is smaller than asked for: lower "
-			       "--cache-size or give oocd more memory");
-	write_degraded_stores(&sentences, server);
-	fputc(']', out);
-}
-
-static void write_status(FILE *out, struct server *server)
+static void write_accounts(struct view *view)
 {
 	const char *separator = "";
-	uint64_t waiting_nodes = 0;
-	uint64_t prefetch_nodes = 0;
 
-	fprintf(out, "{\"version\":\"%s\"", OOCD_VERSION);
+	fputs(",\"accounts\":[", view->out);
+	LIST_FOR_EACH (link, &view->server->accounts.in_order) {
+		const struct account *account = LIST_ENTRY(link, struct account, link);
+
+		if (!view->admin && account->policy.uid != view->uid)
+			continue;
+		fputs(separator, view->out);
+		write_account(view->out, account);
+		separator = ",";
+	}
+	fputc(']', view->out);
+}
+
+static void write_ends(FILE *out, const struct server *server)
+{
+	write_number(out, "accepted", server->accepted_count);
+	write_number(out, "turned_away", server->refused_count);
+	fputs(",\"disconnects\":{", out);
+	for (uint32_t i = 0; i < SESSION_END_COUNT_; i++)
+		fprintf(out, "%s\"%s\":%llu", i > 0 ? "," : "", status_end_names[i],
+			(unsigned long long)server->session_ends[i]);
+	fputc('}', out);
+}
+
+static void write_status(struct view *view)
+{
+	struct server *server = view->server;
+	FILE *out = view->out;
+	uint64_t fetches_queued;
+	uint64_t prefetches_queued;
+	struct store_counters sum;
+
+	server_sum(server, &sum);
+	server_waiting(server, &fetches_queued, &prefetches_queued);
+	fprintf(out, "{\"version\":\"%s\",\"administrator\":%s", OOCD_VERSION,
+		view->admin ? "true" : "false");
 	write_number(out, "uptime_s", (clock_now_ns() - server->start_ns) / NS_PER_S);
+	write_number(out, "now_ns", clock_now_ns());
 	write_number(out, "cache_bytes", server->cache.budget_bytes);
 	write_number(out, "cache_used_bytes", cache_used_bytes(&server->cache));
+	write_number(out, "held_and_busy_bytes", server->cache.pinned_bytes);
+	write_number(out, "pinned_bytes", residents_bytes(&server->residents));
 	fprintf(out, ",\"io\":\"%s\"", fetch_name(server->fetch));
 	write_number(out, "queue_depth", server->config.queue_depth);
 	write_number(out, "reads_in_flight", fetch_in_flight(server->fetch));
 	write_number(out, "fills_in_flight", fills_count(server->fills));
+	write_number(out, "fetches_queued", fetches_queued);
+	write_number(out, "prefetches_queued", prefetches_queued);
+	write_stores(view);
+	write_clients(view);
+	write_accounts(view);
+	write_ends(out, server);
 	write_number(out, "store_count", server->cache.store_count);
-	fputs(",\"stores\":[", out);
-	LIST_FOR_EACH (link, &server->cache.stores) {
-		fputs(separator, out);
-		write_store(out, LIST_ENTRY(link, struct served, link));
-		separator = ",";
-	}
-	fputs("],\"clients\":[", out);
-	separator = "";
-	LIST_FOR_EACH (link, &server->sessions) {
-		const struct session *session = LIST_ENTRY(link, struct session, link);
-
-		if (session->state != SESSION_READY)
-			continue;
-		fputs(separator, out);
-		write_client(out, session);
-		separator = ",";
-		waiting_nodes += session->visible.counts[WANT_QUEUED];
-		prefetch_nodes += session->prefetch_count - session->prefetch_next;
-	}
-	fputs("],\"accounts\":[", out);
-	separator = "";
-	LIST_FOR_EACH (link, &server->accounts.in_order) {
-		fputs(separator, out);
-		write_account(out, LIST_ENTRY(link, struct account, link));
-		separator = ",";
-	}
-	fputc(']', out);
-	write_number(out, "fetches_queued", waiting_nodes);
-	write_number(out, "prefetches_queued", prefetch_nodes);
-	write_degraded(out, server);
-	fputs("}\n", out);
+	fprintf(out, ",\"totals\":{\"device_read_bytes\":%llu",
+		(unsigned long long)fetch_read_bytes(server->fetch));
+	write_counters(out, &sum);
+	fputs("},\"degraded\":[", out);
+	server_degraded(server, sees_store, write_sentence, view);
+	fputs("]}\n", out);
 }
 
-char *server_status(struct server *server)
+char *server_status(struct server *server, const struct session *session)
 {
 	char *text = NULL;
 	size_t text_bytes = 0;
-	FILE *out = open_memstream(&text, &text_bytes);
+	struct view view = {
+		.out = open_memstream(&text, &text_bytes),
+		.server = server,
+		.admin = server_is_admin(server, session),
+		.uid = connection_uid(session->connection),
+	};
 	bool failed;
 
-	if (!out)
+	if (!view.out)
 		return NULL;
-	write_status(out, server);
-	failed = ferror(out) != 0;
-	if (fclose(out) != 0 || failed) {
+	write_status(&view);
+	failed = ferror(view.out) != 0;
+	if (fclose(view.out) != 0 || failed) {
 		free(text);
 		return NULL;
 	}

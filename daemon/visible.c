@@ -9,9 +9,14 @@
 #include "formats/base/check.h"
 
 void visible_init(struct visible *visible, struct cache *cache, struct fills *fills,
-		  struct wire_session_page *page)
+		  uint32_t session, struct wire_session_page *page)
 {
-	*visible = (struct visible){ .cache = cache, .fills = fills, .page = page };
+	*visible = (struct visible){
+		.cache = cache,
+		.fills = fills,
+		.session = session,
+		.page = page,
+	};
 }
 
 static struct served *served_of(const struct visible *visible, const struct want *want)
@@ -86,6 +91,57 @@ static void release(struct visible *visible, struct want *want)
 	cache_release(visible->cache, served_of(visible, want), want->node);
 }
 
+/* ---- what is counted ---- */
+
+static struct store_counters *counters_of(const struct visible *visible, const struct want *want)
+{
+	return &served_of(visible, want)->counters;
+}
+
+/* A node that the set has begun to want. */
+static void count_want(struct visible *visible, struct want *want)
+{
+	const struct node *node = node_of(visible, want);
+	struct store_counters *counters = counters_of(visible, want);
+
+	if (!node_is_ready(node)) {
+		counters->misses++;
+		visible->counters.misses++;
+		want->missed = true;
+		return;
+	}
+	counters->hits++;
+	visible->counters.hits++;
+	counters->prefetch_hits += node->unused_prefetch;
+	if (node->payer != 0 && node->payer != visible->session) {
+		counters->shared_hits++;
+		debts_add(&visible->debts, node->payer);
+	}
+}
+
+/* A missed node is there, or on its way by a read that was begun for somebody else. */
+static void count_joined(struct visible *visible, struct want *want)
+{
+	const struct node *node = node_of(visible, want);
+
+	if (!want->missed)
+		return;
+	want->missed = false;
+	counters_of(visible, want)->joined++;
+	if (node->payer != 0 && node->payer != visible->session)
+		debts_add(&visible->debts, node->payer);
+}
+
+static void count_refused(struct visible *visible, struct want *want, enum wire_reason reason)
+{
+	struct store_counters *counters = counters_of(visible, want);
+
+	counters->refusals[reason]++;
+	visible->counters.refused++;
+	counters->refused += want->missed;
+	want->missed = false;
+}
+
 /* ---- states ---- */
 
 static void set_state(struct visible *visible, struct want *want, enum want_state state)
@@ -117,6 +173,8 @@ static void refuse(struct visible *visible, struct want *want, enum wire_reason 
 {
 	uint32_t index = (uint32_t)(want - visible->wants);
 
+	if (want->state != WANT_REFUSED || want->reason != reason)
+		count_refused(visible, want, reason);
 	unrefuse(visible, want);
 	want->reason = reason;
 	set_state(visible, want, WANT_REFUSED);
@@ -141,11 +199,15 @@ static void admit_one(struct visible *visible, struct want *want)
 	if (node->state == NODE_ABSENT) {
 		uint32_t index = (uint32_t)(want - visible->wants);
 
+		if (!want->missed)
+			counters_of(visible, want)->retries++;
+		want->missed = true;
 		unrefuse(visible, want);
 		set_state(visible, want, WANT_QUEUED);
 		if (index < visible->next_queued)
 			visible->next_queued = index;
 	} else {
+		count_joined(visible, want);
 		unrefuse(visible, want);
 		set_state(visible, want, node->state == NODE_BUSY ? WANT_WAITING : WANT_DRAWABLE);
 	}
@@ -157,6 +219,8 @@ static void revoke(struct visible *visible, struct want *want)
 		return;
 	grant_set(visible, want, false);
 	set_revoked(visible, want, true);
+	counters_of(visible, want)->revocations++;
+	visible->counters.revocations++;
 }
 
 /* Pages that only this session keeps from being evicted, or would. */
@@ -314,6 +378,7 @@ void visible_detach(struct visible *visible, uint32_t slot)
 		if (want->slot == slot) {
 			if (want->holding)
 				release(visible, want);
+			attachment->served->counters.dropped += want->missed;
 			continue;
 		}
 		count += i < visible->count;
@@ -376,7 +441,6 @@ static bool is_node(const struct want *want, const struct wire_entry *entry)
 static struct want make_want(struct visible *visible, const struct wire_entry *entry,
 			     struct want *before, uint64_t serial, bool retire)
 {
-	struct served *served = visible->attachments[entry->store]->served;
 	struct want want = {
 		.serial = serial,
 		.slot = entry->store,
@@ -385,10 +449,7 @@ static struct want make_want(struct visible *visible, const struct wire_entry *e
 	};
 
 	if (!before) {
-		if (node_is_ready(&served->nodes[entry->node]))
-			served->counters.hits++;
-		else
-			served->counters.misses++;
+		count_want(visible, &want);
 		return want;
 	}
 	/* The set came after the socket was quiet, so it was sent after the grants were cleared. */
@@ -396,6 +457,7 @@ static struct want make_want(struct visible *visible, const struct wire_entry *e
 		release(visible, before);
 	want.holding = before->holding;
 	want.revoked = before->revoked;
+	want.missed = before->missed;
 	if (before->state == WANT_REFUSED) {
 		want.state = WANT_REFUSED;
 		want.reason = before->reason;
@@ -446,6 +508,7 @@ static uint32_t keep_retained(struct visible *visible, uint32_t total, uint64_t 
 		if (old->serial == serial)
 			continue;
 		visible->attachments[old->slot]->want_of_node[old->node] = 0;
+		counters_of(visible, old)->dropped += old->missed;
 		if (!old->holding)
 			continue;
 		if (retire) {
@@ -479,6 +542,7 @@ int visible_take(struct visible *visible, const struct wire_entry *entries, uint
 	visible->spare = wants;
 	visible->spare_capacity = capacity;
 	visible->serial = serial;
+	visible->counters.sets++;
 	visible->full_pages = 0;
 	recount(visible);
 	admit(visible);
@@ -582,6 +646,8 @@ void visible_begun(struct visible *visible, const struct queue_want *asked, int 
 	CHECK(want->state == WANT_QUEUED);
 	CHECK(served_of(visible, want) == asked->served && want->node == asked->index);
 	if (error == 0) {
+		visible->counters.fetches++;
+		want->missed = false;
 		admit_one(visible, want);
 		return;
 	}
@@ -671,6 +737,7 @@ static void want_check(const struct visible *visible, uint32_t index)
 	CHECK((want->state == WANT_RETAINED) == (index >= visible->count));
 	CHECK(granted == (want->holding && !want->revoked));
 	CHECK(want->holding || !want->revoked);
+	CHECK(want->missed == (want->state == WANT_QUEUED));
 	switch (want->state) {
 	case WANT_QUEUED:
 		CHECK(!want->holding && index >= visible->next_queued);

@@ -40,6 +40,7 @@
 #include <stdint.h>
 
 #include "daemon/cache.h"
+#include "daemon/debts.h"
 #include "daemon/queues.h"
 #include "libclient/wire.h"
 
@@ -69,12 +70,24 @@ struct want {
 	enum wire_reason told;   /* the last reason that the client was told in this set */
 	bool holding;
 	bool revoked; /* holding, but its grant was cleared */
+	bool missed;  /* not there when it was asked for, and nothing has come of it yet */
+};
+
+/** What has happened to a session's wants: see STORE_COUNTERS. */
+struct visible_counters {
+	uint64_t sets;
+	uint64_t hits;
+	uint64_t misses;
+	uint64_t fetches;
+	uint64_t refused;
+	uint64_t revocations;
 };
 
 struct visible {
 	struct cache *cache;
 	struct fills *fills;
 	struct wire_session_page *page;
+	uint32_t session; /* whose it is */
 	struct attachment *attachments[WIRE_STORE_COUNT_MAX];
 	uint64_t attached; /* bit: slot */
 
@@ -103,15 +116,18 @@ struct visible {
 	bool quiet; /* since the last revocation the client's socket was seen empty, at quiet_serial */
 	uint64_t quiet_serial;
 
+	struct visible_counters counters;
+	struct debts debts;
+
 	uint32_t held_count; /* holds */
 	uint64_t held_pages;
 	bool changed; /* something that an EVENT tells has happened */
 	bool frozen;  /* the daemon ends: what clients see stays as it is */
 };
 
-/** page: of the session; all outlive it. */
+/** session, page: of whose it is; all outlive it. */
 void visible_init(struct visible *visible, struct cache *cache, struct fills *fills,
-		  struct wire_session_page *page);
+		  uint32_t session, struct wire_session_page *page);
 /** Gives everything back. */
 void visible_done(struct visible *visible);
 

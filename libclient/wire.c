@@ -32,6 +32,8 @@ static const struct wire_rule wire_rules[] = {
 	[WIRE_PREFETCH] = { "PREFETCH", WIRE_FROM_CLIENT, sizeof(struct wire_prefetch),
 			    sizeof(struct wire_entry), 0 },
 	[WIRE_STATUS] = { "STATUS", WIRE_FROM_CLIENT, sizeof(struct wire_status), 0, 0 },
+	[WIRE_ADMIN] = { "ADMIN", WIRE_FROM_CLIENT, sizeof(struct wire_admin), sizeof(uint32_t),
+			 0 },
 	[WIRE_WELCOME] = { "WELCOME", WIRE_FROM_DAEMON, sizeof(struct wire_welcome), 0, 1 },
 	[WIRE_OPENED] = { "OPENED", WIRE_FROM_DAEMON, sizeof(struct wire_opened), 0, 3 },
 	[WIRE_SEGMENT] = { "SEGMENT", WIRE_FROM_DAEMON, sizeof(struct wire_segment), 0, 1 },
@@ -42,6 +44,8 @@ static const struct wire_rule wire_rules[] = {
 			   sizeof(struct wire_refusal), 0 },
 	[WIRE_TEXT] = { "TEXT", WIRE_FROM_DAEMON, sizeof(struct wire_text), 1, 0 },
 	[WIRE_ERROR] = { "ERROR", WIRE_FROM_DAEMON, sizeof(struct wire_error), 0, 0 },
+	[WIRE_NODES] = { "NODES", WIRE_FROM_DAEMON, sizeof(struct wire_nodes),
+			 sizeof(struct wire_node), 0 },
 };
 
 /* The part of a HELLO that no version may change: header, version and a reserved word. */
@@ -101,6 +105,46 @@ static bool refusals_are_sound(const struct wire_refusal *refusals, uint32_t ref
 	return true;
 }
 
+static bool nodes_are_sound(const struct wire_nodes *nodes)
+{
+	if (nodes->store >= WIRE_STORE_COUNT_MAX || nodes->reserved != 0 ||
+	    nodes->entry_count > WIRE_NODES_ENTRY_COUNT_MAX)
+		return false;
+	for (uint32_t i = 0; i < nodes->entry_count; i++)
+		if (nodes->entries[i].cached >= WIRE_CACHED_COUNT_ ||
+		    (nodes->entries[i].flags & ~(uint32_t)WIRE_NODE_FLAGS_ALL) != 0)
+			return false;
+	return true;
+}
+
+static bool status_is_sound(const struct wire_status *status)
+{
+	bool of_nodes = status->what == WIRE_STATUS_NODES;
+
+	return status->what > 0 && status->what < WIRE_STATUS_COUNT_ && status->reserved == 0 &&
+	       (of_nodes ? status->store < WIRE_STORE_COUNT_MAX
+			 : status->store == 0 && status->first == 0);
+}
+
+static bool admin_is_sound(const struct wire_admin *admin)
+{
+	if (admin->reserved != 0)
+		return false;
+	switch (admin->what) {
+	case WIRE_ADMIN_EVICT:
+	case WIRE_ADMIN_UNPIN:
+		if (admin->store == WIRE_STORE_ALL)
+			return admin->node_count == 0;
+		return admin->store < WIRE_STORE_COUNT_MAX;
+	case WIRE_ADMIN_PIN:
+		return admin->store < WIRE_STORE_COUNT_MAX;
+	case WIRE_ADMIN_RELOAD:
+		return admin->store == 0 && admin->node_count == 0;
+	default:
+		return false;
+	}
+}
+
 /* How many elements the message says it has; they must fill it exactly. */
 static uint32_t element_count(const void *message, uint16_t type)
 {
@@ -109,6 +153,10 @@ static uint32_t element_count(const void *message, uint16_t type)
 		return ((const struct wire_set *)message)->entry_count;
 	case WIRE_PREFETCH:
 		return ((const struct wire_prefetch *)message)->entry_count;
+	case WIRE_ADMIN:
+		return ((const struct wire_admin *)message)->node_count;
+	case WIRE_NODES:
+		return ((const struct wire_nodes *)message)->entry_count;
 	case WIRE_NOT_NOW:
 		return ((const struct wire_not_now *)message)->entry_count;
 	case WIRE_TEXT:
@@ -125,7 +173,6 @@ static bool client_message_is_sound(const void *message, uint16_t type)
 	const struct wire_close *close = message;
 	const struct wire_set *set = message;
 	const struct wire_prefetch *prefetch = message;
-	const struct wire_status *status = message;
 
 	switch (type) {
 	case WIRE_HELLO:
@@ -142,7 +189,9 @@ static bool client_message_is_sound(const void *message, uint16_t type)
 		return prefetch->reserved == 0 &&
 		       entries_are_sound(prefetch->entries, prefetch->entry_count);
 	case WIRE_STATUS:
-		return status->what == WIRE_STATUS_ALL && status->reserved == 0;
+		return status_is_sound(message);
+	case WIRE_ADMIN:
+		return admin_is_sound(message);
 	default:
 		return true;
 	}
@@ -179,6 +228,8 @@ static bool daemon_message_is_sound(const void *message, uint16_t type)
 		       refusals_are_sound(not_now->entries, not_now->entry_count);
 	case WIRE_TEXT:
 		return text->last <= 1;
+	case WIRE_NODES:
+		return nodes_are_sound(message);
 	case WIRE_ERROR:
 		return error->error < 0 && error->error >= -4095 &&
 		       text_is_padded(error->text, sizeof(error->text));

@@ -43,7 +43,8 @@ enum wire_type {
 	WIRE_SET = 4,      /* answered in the session page, and by EVENT where asked for */
 	WIRE_RETIRE = 5,   /* not answered */
 	WIRE_PREFETCH = 6, /* not answered */
-	WIRE_STATUS = 7,   /* answered by TEXT */
+	WIRE_STATUS = 7,   /* answered by TEXT, NODES or ERROR */
+	WIRE_ADMIN = 8,    /* answered by TEXT or ERROR */
 	/* daemon to client */
 	WIRE_WELCOME = 64, /* + session page */
 	WIRE_OPENED = 65,  /* + HS, directory, grants */
@@ -53,6 +54,7 @@ enum wire_type {
 	WIRE_NOT_NOW = 69,
 	WIRE_TEXT = 70,
 	WIRE_ERROR = 71,
+	WIRE_NODES = 72,
 };
 
 struct wire_header {
@@ -140,13 +142,40 @@ struct wire_prefetch {
 };
 
 enum wire_status_what {
-	WIRE_STATUS_ALL = 1, /* JSON, as `oocctl status --json` prints it */
+	WIRE_STATUS_ALL = 1,     /* JSON, as `oocctl status --json` prints it */
+	WIRE_STATUS_METRICS = 2, /* OpenMetrics text */
+	WIRE_STATUS_NODES = 3,   /* states of nodes, from `first` on: answered by NODES */
+	WIRE_STATUS_COUNT_
 };
 
+/** A question.  One at a time: the next one when the answer has come whole. */
 struct wire_status {
 	struct wire_header header;
-	uint32_t what; /* enum wire_status_what */
+	uint32_t what;  /* enum wire_status_what */
+	uint32_t store; /* of NODES: an open one; else 0 */
+	uint32_t first; /* of NODES: a node of it; else 0 */
 	uint32_t reserved;
+};
+
+enum wire_admin_what {
+	WIRE_ADMIN_EVICT = 1, /* out of the cache, where nobody holds them */
+	WIRE_ADMIN_PIN = 2,   /* into the cache, to stay there until */
+	WIRE_ADMIN_UNPIN = 3,
+	WIRE_ADMIN_RELOAD = 4, /* the configuration */
+	WIRE_ADMIN_COUNT_
+};
+
+/** In wire_admin.store: all that the daemon serves. */
+#define WIRE_STORE_ALL UINT32_MAX
+
+/** An order to the daemon, from root, its own user or the group that may. */
+struct wire_admin {
+	struct wire_header header;
+	uint32_t what;  /* enum wire_admin_what */
+	uint32_t store; /* an open one; EVICT, UNPIN: or WIRE_STORE_ALL; RELOAD: 0 */
+	uint32_t node_count;
+	uint32_t reserved;
+	uint32_t nodes[]; /* none: all of the store */
 };
 
 /**
@@ -214,6 +243,44 @@ struct wire_error {
 	uint32_t store;   /* of an OPEN */
 	uint32_t version; /* of the daemon */
 	char text[WHY_TEXT_BYTES];
+};
+
+/** Where a payload is, to those who look: the directory's states, and whether anybody counts on it. */
+enum wire_cached {
+	WIRE_CACHED_ABSENT = 0,
+	WIRE_CACHED_BUSY = 1,
+	WIRE_CACHED_HELD = 2,
+	WIRE_CACHED_FREE = 3,
+	WIRE_CACHED_DAMAGED = 4,
+	WIRE_CACHED_COUNT_
+};
+
+enum wire_node_flag {
+	WIRE_NODE_UNUSED_PREFETCH = 1, /* a prefetch brought it in, and nobody has used it since */
+	WIRE_NODE_PINNED = 2,          /* WIRE_ADMIN_PIN */
+	WIRE_NODE_FLAGS_ALL = 3,
+};
+
+#define WIRE_AGE_NEVER UINT32_MAX
+
+struct wire_node {
+	uint64_t order; /* FREE: of two nodes the one with the smaller goes first; else 0 */
+	uint32_t
+		age_ds; /* tenths of a second: since it came, ABSENT: since it went; or WIRE_AGE_NEVER */
+	uint32_t holds;  /* of clients, and one if it is pinned */
+	uint32_t payer;  /* session that had it read; 0: none */
+	uint16_t cached; /* enum wire_cached */
+	uint16_t flags;  /* enum wire_node_flag */
+};
+
+struct wire_nodes {
+	struct wire_header header;
+	uint32_t store;
+	uint32_t first;
+	uint32_t
+		entry_count; /* of nodes first, first + 1, ...; less than fits: these were the last */
+	uint32_t reserved;
+	struct wire_node entries[];
 };
 
 /* ---- shared memory: written by the daemon, read-only to clients ---- */
@@ -305,6 +372,10 @@ static_assert(sizeof(struct wire_segment) == 24, "no hidden padding");
 static_assert(sizeof(struct wire_event) == 32, "no hidden padding");
 static_assert(sizeof(struct wire_not_now) == 24, "no hidden padding");
 static_assert(sizeof(struct wire_text) == 16, "no hidden padding");
+static_assert(sizeof(struct wire_status) == 24, "no hidden padding");
+static_assert(sizeof(struct wire_admin) == 24, "no hidden padding");
+static_assert(sizeof(struct wire_node) == 24, "no hidden padding");
+static_assert(sizeof(struct wire_nodes) == 24, "no hidden padding");
 static_assert(sizeof(struct wire_error) == 24 + WHY_TEXT_BYTES, "no hidden padding");
 static_assert(sizeof(struct wire_directory) == 64, "words begin on a cache line");
 static_assert(sizeof(struct wire_grants) == 64, "words begin on a cache line");
@@ -314,7 +385,12 @@ static_assert(sizeof(struct wire_grants) == 64, "words begin on a cache line");
 	((WIRE_MESSAGE_BYTES_MAX - sizeof(struct wire_set)) / sizeof(struct wire_entry))
 #define WIRE_REFUSAL_COUNT_MAX                                                                     \
 	((WIRE_MESSAGE_BYTES_MAX - sizeof(struct wire_not_now)) / sizeof(struct wire_refusal))
-#define WIRE_TEXT_BYTES_MAX (WIRE_MESSAGE_BYTES_MAX - sizeof(struct wire_text))
+/** Nodes that fit into one message of ADMIN. */
+#define WIRE_ADMIN_NODE_COUNT_MAX                                                                  \
+	((WIRE_MESSAGE_BYTES_MAX - sizeof(struct wire_admin)) / sizeof(uint32_t))
+/** Nodes of one answer to WIRE_STATUS_NODES: half a message, as texts go in halves. */
+#define WIRE_NODES_ENTRY_COUNT_MAX 1024u
+#define WIRE_TEXT_BYTES_MAX        (WIRE_MESSAGE_BYTES_MAX - sizeof(struct wire_text))
 
 /** Bounds of wire_opened.segment_bytes_log2: a word has 16 bits for a page. */
 #define WIRE_SEGMENT_LOG2_MIN 12u

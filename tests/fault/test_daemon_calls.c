@@ -178,7 +178,7 @@ static int attach(void *arg)
 	struct why why;
 	int r;
 
-	visible_init(&visible, arg, NULL, &page);
+	visible_init(&visible, arg, NULL, 1, &page);
 	r = visible_attach(&visible, 3, attach_served, 1, &why);
 	visible_done(&visible);
 	assert_int_equal(attach_served->attach_count, 0);

@@ -31,6 +31,8 @@ static uint64_t message_sum(const struct wire_header *header)
 	const struct wire_prefetch *prefetch = (const void *)header;
 	const struct wire_not_now *not_now = (const void *)header;
 	const struct wire_text *text = (const void *)header;
+	const struct wire_admin *admin = (const void *)header;
+	const struct wire_nodes *nodes = (const void *)header;
 	uint64_t sum = 0;
 
 	switch (header->type) {
@@ -50,6 +52,16 @@ static uint64_t message_sum(const struct wire_header *header)
 		for (uint32_t i = 0; i < not_now->entry_count; i++) {
 			CHECK(not_now->entries[i].reason < WIRE_REASON_COUNT_);
 			sum += not_now->entries[i].node;
+		}
+		return sum;
+	case WIRE_ADMIN:
+		for (uint32_t i = 0; i < admin->node_count; i++)
+			sum += admin->nodes[i];
+		return sum;
+	case WIRE_NODES:
+		for (uint32_t i = 0; i < nodes->entry_count; i++) {
+			CHECK(nodes->entries[i].cached < WIRE_CACHED_COUNT_);
+			sum += nodes->entries[i].holds;
 		}
 		return sum;
 	case WIRE_TEXT:

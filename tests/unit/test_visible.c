@@ -104,7 +104,7 @@ static int setup_with(void **state, struct fetch_sim sim, const struct test_grid
 	fixture->fit_count =
 		BUDGET_BYTES / WIRE_PAGE_BYTES / served_pages(fixture->served, fixture->nodes[0]);
 	for (uint32_t i = 0; i < SESSION_COUNT; i++) {
-		visible_init(&fixture->visible[i], &fixture->cache, fixture->fills,
+		visible_init(&fixture->visible[i], &fixture->cache, fixture->fills, i + 1,
 			     &fixture->pages[i]);
 		assert_int_equal(visible_attach(&fixture->visible[i], 0, fixture->served, 1, &why),
 				 0);

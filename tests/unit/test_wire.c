@@ -132,7 +132,7 @@ static void a_field_that_cannot_be_is_refused(void **state)
 {
 	(void)state;
 	ASSERT_REFUSED(WIRE_HELLO, wire_hello, header.type, 0);
-	ASSERT_REFUSED(WIRE_HELLO, wire_hello, header.type, 8);
+	ASSERT_REFUSED(WIRE_HELLO, wire_hello, header.type, 9);
 	ASSERT_REFUSED(WIRE_HELLO, wire_hello, header.type, 60000);
 	ASSERT_REFUSED(WIRE_HELLO, wire_hello, header.reserved, 1);
 	ASSERT_REFUSED(WIRE_HELLO, wire_hello, header.bytes, 79);
@@ -155,7 +155,17 @@ static void a_field_that_cannot_be_is_refused(void **state)
 	ASSERT_REFUSED(WIRE_PREFETCH, wire_prefetch, reserved, 1);
 	ASSERT_REFUSED(WIRE_PREFETCH, wire_prefetch, entry_count, 3);
 	ASSERT_REFUSED(WIRE_STATUS, wire_status, what, 0);
+	ASSERT_REFUSED(WIRE_STATUS, wire_status, what, WIRE_STATUS_ALL);
+	ASSERT_REFUSED(WIRE_STATUS, wire_status, what, WIRE_STATUS_COUNT_);
+	ASSERT_REFUSED(WIRE_STATUS, wire_status, store, WIRE_STORE_COUNT_MAX);
 	ASSERT_REFUSED(WIRE_STATUS, wire_status, reserved, 1);
+	ASSERT_REFUSED(WIRE_ADMIN, wire_admin, what, 0);
+	ASSERT_REFUSED(WIRE_ADMIN, wire_admin, what, WIRE_ADMIN_RELOAD);
+	ASSERT_REFUSED(WIRE_ADMIN, wire_admin, what, WIRE_ADMIN_COUNT_);
+	ASSERT_REFUSED(WIRE_ADMIN, wire_admin, store, WIRE_STORE_COUNT_MAX);
+	ASSERT_REFUSED(WIRE_ADMIN, wire_admin, store, WIRE_STORE_ALL);
+	ASSERT_REFUSED(WIRE_ADMIN, wire_admin, node_count, 1);
+	ASSERT_REFUSED(WIRE_ADMIN, wire_admin, reserved, 1);
 	ASSERT_REFUSED(WIRE_WELCOME, wire_welcome, epoch, 0);
 	ASSERT_REFUSED(WIRE_WELCOME, wire_welcome, page_bytes, 8);
 	ASSERT_REFUSED(WIRE_OPENED, wire_opened, store, WIRE_STORE_COUNT_MAX);
@@ -171,6 +181,11 @@ static void a_field_that_cannot_be_is_refused(void **state)
 	ASSERT_REFUSED(WIRE_NOT_NOW, wire_not_now, entries[0].store, WIRE_STORE_COUNT_MAX);
 	ASSERT_REFUSED(WIRE_TEXT, wire_text, last, 2);
 	ASSERT_REFUSED(WIRE_TEXT, wire_text, text_bytes, 0);
+	ASSERT_REFUSED(WIRE_NODES, wire_nodes, store, WIRE_STORE_COUNT_MAX);
+	ASSERT_REFUSED(WIRE_NODES, wire_nodes, entry_count, 1);
+	ASSERT_REFUSED(WIRE_NODES, wire_nodes, reserved, 1);
+	ASSERT_REFUSED(WIRE_NODES, wire_nodes, entries[1].cached, WIRE_CACHED_COUNT_);
+	ASSERT_REFUSED(WIRE_NODES, wire_nodes, entries[1].flags, 4);
 	ASSERT_REFUSED(WIRE_ERROR, wire_error, error, 0);
 	ASSERT_REFUSED(WIRE_ERROR, wire_error, error, 1);
 	ASSERT_REFUSED(WIRE_ERROR, wire_error, error, -5000);

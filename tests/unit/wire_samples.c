@@ -57,6 +57,38 @@ static size_t not_now_fill(struct wire_not_now *message)
 	return sizeof(*message) + 2 * sizeof(message->entries[0]);
 }
 
+static size_t admin_fill(struct wire_admin *message)
+{
+	message->what = WIRE_ADMIN_PIN;
+	message->store = 5;
+	message->node_count = 2;
+	message->nodes[0] = 12;
+	message->nodes[1] = 0x01020304;
+	return sizeof(*message) + 2 * sizeof(message->nodes[0]);
+}
+
+static size_t nodes_fill(struct wire_nodes *message)
+{
+	message->store = 5;
+	message->first = 1024;
+	message->entry_count = 2;
+	message->entries[0] = (struct wire_node){
+		.order = 0x3132333435363738,
+		.age_ds = 600,
+		.payer = 3,
+		.cached = WIRE_CACHED_FREE,
+		.flags = WIRE_NODE_UNUSED_PREFETCH,
+	};
+	message->entries[1] = (struct wire_node){
+		.age_ds = 7,
+		.holds = 2,
+		.payer = 4,
+		.cached = WIRE_CACHED_HELD,
+		.flags = WIRE_NODE_PINNED,
+	};
+	return sizeof(*message) + 2 * sizeof(message->entries[0]);
+}
+
 static size_t text_fill(struct wire_text *message)
 {
 	static const char text[] = { '{', '"', 'a', '"', ':', '1', '}' };
@@ -77,9 +109,9 @@ static void error_fill(struct wire_error *message)
 }
 
 static const enum wire_type types[WIRE_SAMPLE_COUNT] = {
-	WIRE_HELLO,        WIRE_OPEN,   WIRE_CLOSE,   WIRE_SET,    WIRE_RETIRE,
-	WIRE_PREFETCH,     WIRE_STATUS, WIRE_WELCOME, WIRE_OPENED, WIRE_SEGMENT,
-	WIRE_SEGMENT_GONE, WIRE_EVENT,  WIRE_NOT_NOW, WIRE_TEXT,   WIRE_ERROR,
+	WIRE_HELLO,   WIRE_OPEN,    WIRE_CLOSE,  WIRE_SET,     WIRE_RETIRE,       WIRE_PREFETCH,
+	WIRE_STATUS,  WIRE_WELCOME, WIRE_OPENED, WIRE_SEGMENT, WIRE_SEGMENT_GONE, WIRE_EVENT,
+	WIRE_NOT_NOW, WIRE_TEXT,    WIRE_ERROR,  WIRE_ADMIN,   WIRE_NODES,
 };
 
 /* Fills the body.  Returns: the message's length. */
@@ -111,8 +143,12 @@ static size_t body_fill(enum wire_type type)
 	case WIRE_PREFETCH:
 		return prefetch_fill((void *)memory);
 	case WIRE_STATUS:
-		status->what = WIRE_STATUS_ALL;
+		*status = (struct wire_status){ .what = WIRE_STATUS_NODES,
+						.store = 5,
+						.first = 1024 };
 		return sizeof(*status);
+	case WIRE_ADMIN:
+		return admin_fill((void *)memory);
 	case WIRE_WELCOME:
 		*welcome = (struct wire_welcome){ .version = WIRE_VERSION,
 						  .session = 3,
@@ -135,6 +171,8 @@ static size_t body_fill(enum wire_type type)
 		return sizeof(*event);
 	case WIRE_NOT_NOW:
 		return not_now_fill((void *)memory);
+	case WIRE_NODES:
+		return nodes_fill((void *)memory);
 	case WIRE_TEXT:
 		return text_fill((void *)memory);
 	case WIRE_ERROR:
