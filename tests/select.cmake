@@ -10,3 +10,6 @@ oocd_test(test_bench integration
 	LINK oocd_bench oocd_test_helper m
 	TIMEOUT 300 SINGLE_THREADED
 	NEEDS oocbench oocbuild oocd oocgen oocview)
+oocd_test(test_conservative unit
+	SOURCES unit/test_conservative.c helper_scene.c
+	LINK oocd_select oocd_store oocd_test_helper m)

@@ -247,6 +247,7 @@ static bool fits(const struct world *world, uint64_t budget_triangles)
 int world_look(struct world *world, const struct camera *camera, double aspect,
 	       enum world_mode mode, uint64_t budget_triangles, struct why *why)
 {
+	struct select_options options = { SELECT_ORDER_AUTO, budget_triangles };
 	int r = make_views(world, camera, aspect, why);
 
 	if (r < 0)
@@ -262,7 +263,7 @@ int world_look(struct world *world, const struct camera *camera, double aspect,
 		if (mode == WORLD_MODE_FULL || world->fits_budget)
 			select_frustum(store->selector, &store->view, &selection);
 		else
-			select_layers(store->selector, &store->view, budget_triangles, &selection);
+			select_approximate(store->selector, &store->view, &options, &selection);
 		r = add_wants(world, i, &selection);
 		if (r < 0)
 			return why_errno(why, r, "the list of wanted nodes");

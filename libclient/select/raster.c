@@ -6,6 +6,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "formats/base/check.h"
+#include "formats/store/payload_layout.h"
+#include "libclient/select/farthest.h"
+
 /*
  * GL leaves much of this free.  Where it does, this is what Mesa's llvmpipe does with a framebuffer
  * object (Y upwards), so that pictures can be compared: positions are rounded to nearest (even) on
@@ -45,6 +49,7 @@ struct raster {
 	uint32_t height;
 	uint64_t *items;
 	float *depths;
+	struct farthest *farthest; /* NULL: not kept */
 	/* Of the draw in hand. */
 	struct vertex *vertices;
 	float (*clip)[4];
@@ -82,6 +87,7 @@ struct raster *raster_destroy(struct raster *raster)
 	free(raster->depths);
 	free(raster->vertices);
 	free(raster->clip);
+	farthest_destroy(raster->farthest);
 	free(raster);
 	return NULL;
 }
@@ -93,6 +99,24 @@ void raster_clear(struct raster *raster)
 	/* RASTER_ITEM_NONE is all ones, depth 0 all zeros. */
 	memset(raster->items, 0xff, pixel_count * sizeof(*raster->items));
 	memset(raster->depths, 0, pixel_count * sizeof(*raster->depths));
+	if (raster->farthest)
+		farthest_clear(raster->farthest);
+}
+
+int raster_keep_farthest(struct raster *raster)
+{
+	int r = 0;
+
+	if (!raster->farthest)
+		r = farthest_create(raster->width, raster->height, raster->depths,
+				    &raster->farthest);
+	return r;
+}
+
+bool raster_shows(struct raster *raster, const struct raster_rectangle *rectangle, float depth)
+{
+	CHECK(raster->farthest && rectangle->x1 < raster->width && rectangle->y1 < raster->height);
+	return farthest_shows(raster->farthest, rectangle, depth);
 }
 
 const uint64_t *raster_items(const struct raster *raster)
@@ -146,25 +170,48 @@ static void vertex_project(const struct raster *raster, const float clip[4], str
 	ret->fixed_y = subpixel(ret->y);
 }
 
-static void vertices_transform(struct raster *raster, const struct camera_view *view,
-			       const struct raster_draw *draw)
+/* Where a draw's positions and corners are, in whichever form. */
+struct arrays {
+	const uint8_t *positions;
+	size_t stride_bytes;
+	bool is_u16; /* positions: else floats */
+	const void *indices;
+	bool has_short_indices;
+	float scale;
+	float offset[3];
+};
+
+static void vertex_transform(const struct raster *raster, const struct camera_view *view,
+			     const float p[3], float clip[4], struct vertex *ret)
 {
-	for (uint32_t i = 0; i < draw->vertex_count; i++) {
-		const float *q = &draw->positions[3 * (size_t)i];
-		struct vertex *vertex = &raster->vertices[i];
-		float *clip = raster->clip[i];
+	for (int k = 0; k < 4; k++) {
+		const float *m = view->view_projection[k];
+
+		clip[k] = ((m[0] * p[0] + m[1] * p[1]) + m[2] * p[2]) + m[3];
+	}
+	ret->flags = clip_flags(clip);
+	if (ret->flags == 0)
+		vertex_project(raster, clip, ret);
+}
+
+static void vertices_transform(struct raster *raster, const struct camera_view *view,
+			       const struct arrays *arrays, uint32_t vertex_count)
+{
+	for (uint32_t i = 0; i < vertex_count; i++) {
+		const uint8_t *at = &arrays->positions[i * arrays->stride_bytes];
+		uint16_t shorts[3];
 		float p[3];
 
-		for (int k = 0; k < 3; k++)
-			p[k] = draw->scale * q[k] + draw->offset[k];
-		for (int k = 0; k < 4; k++) {
-			const float *m = view->view_projection[k];
-
-			clip[k] = ((m[0] * p[0] + m[1] * p[1]) + m[2] * p[2]) + m[3];
+		if (arrays->is_u16) {
+			memcpy(shorts, at, sizeof(shorts));
+			for (int k = 0; k < 3; k++)
+				p[k] = (float)shorts[k];
+		} else {
+			memcpy(p, at, sizeof(p));
 		}
-		vertex->flags = clip_flags(clip);
-		if (vertex->flags == 0)
-			vertex_project(raster, clip, vertex);
+		for (int k = 0; k < 3; k++)
+			p[k] = arrays->scale * p[k] + arrays->offset[k];
+		vertex_transform(raster, view, p, raster->clip[i], &raster->vertices[i]);
 	}
 }
 
@@ -340,6 +387,10 @@ static void triangle_draw(struct raster *raster, const struct vertex *v0, const 
 	       (int64_t)(v2->fixed_x - v0->fixed_x) * (v0->fixed_y - v1->fixed_y);
 	if (area == 0)
 		return;
+	if (raster->farthest)
+		farthest_touch(raster->farthest, (uint32_t)box.x0,
+			       raster->height - 1 - (uint32_t)box.y1, (uint32_t)box.x1,
+			       raster->height - 1 - (uint32_t)box.y0);
 	if (area < 0) {
 		const struct vertex *swap = v0;
 
@@ -477,24 +528,79 @@ static int vertices_reserve(struct raster *raster, uint32_t vertex_count)
 	return raster->vertex_room >= vertex_count ? 0 : -ENOMEM;
 }
 
+static void corners_draw(struct raster *raster, const uint32_t corners[3], uint64_t item)
+{
+	const struct vertex *v0 = &raster->vertices[corners[0]];
+	const struct vertex *v1 = &raster->vertices[corners[1]];
+	const struct vertex *v2 = &raster->vertices[corners[2]];
+	uint32_t any = v0->flags | v1->flags | v2->flags;
+
+	if (any == 0)
+		triangle_draw(raster, v0, v1, v2, item);
+	else if (!(v0->flags & v1->flags & v2->flags) && !(any & CLIP_NOT_FINITE))
+		triangle_clip(raster, corners, any, item);
+}
+
 int raster_triangles(struct raster *raster, const struct camera_view *view,
 		     const struct raster_draw *draw)
 {
+	struct arrays arrays = { .positions = (const uint8_t *)draw->positions,
+				 .stride_bytes = 3 * sizeof(float),
+				 .scale = draw->scale };
+
 	if (vertices_reserve(raster, draw->vertex_count) < 0)
 		return -ENOMEM;
-	vertices_transform(raster, view, draw);
-	for (uint32_t i = 0; i < draw->triangle_count; i++) {
-		const uint32_t *indices = &draw->indices[3 * (size_t)i];
-		const struct vertex *v0 = &raster->vertices[indices[0]];
-		const struct vertex *v1 = &raster->vertices[indices[1]];
-		const struct vertex *v2 = &raster->vertices[indices[2]];
-		uint64_t item = draw->items ? draw->items[i] : draw->item_first + i;
-		uint32_t any = v0->flags | v1->flags | v2->flags;
+	memcpy(arrays.offset, draw->offset, sizeof(arrays.offset));
+	vertices_transform(raster, view, &arrays, draw->vertex_count);
+	for (uint32_t i = 0; i < draw->triangle_count; i++)
+		corners_draw(raster, &draw->indices[3 * (size_t)i],
+			     draw->items ? draw->items[i] : draw->item_first + i);
+	return 0;
+}
 
-		if (any == 0)
-			triangle_draw(raster, v0, v1, v2, item);
-		else if (!(v0->flags & v1->flags & v2->flags) && !(any & CLIP_NOT_FINITE))
-			triangle_clip(raster, indices, any, item);
+/* The streams of a payload that rasterising needs. */
+static void arrays_find(struct arrays *ret, const struct payload_header *header)
+{
+	const uint8_t *bytes = (const uint8_t *)header;
+
+	*ret = (struct arrays){ .scale = (float)header->scale };
+	for (unsigned i = 0; i < header->stream_count; i++) {
+		const struct payload_stream *stream = &header->streams[i];
+
+		if (stream->semantic == PAYLOAD_INDEX) {
+			ret->indices = bytes + stream->offset_bytes;
+			ret->has_short_indices = stream->format == PAYLOAD_U16;
+		} else if (stream->semantic == PAYLOAD_POSITION) {
+			ret->positions = bytes + stream->offset_bytes;
+			ret->stride_bytes = stream->element_bytes;
+			ret->is_u16 = stream->format == PAYLOAD_U16X3_RUN;
+		}
+	}
+}
+
+int raster_draw_payload(struct raster *raster, const struct camera_view *view, const void *payload,
+			uint64_t item)
+{
+	const struct payload_header *header = payload;
+	struct arrays arrays;
+
+	if (vertices_reserve(raster, header->vertex_count) < 0)
+		return -ENOMEM;
+	arrays_find(&arrays, header);
+	camera_node_offset(view, header->origin, arrays.offset);
+	vertices_transform(raster, view, &arrays, header->vertex_count);
+	for (size_t i = 0; i < header->triangle_count; i++) {
+		uint32_t corners[3];
+
+		if (arrays.has_short_indices) {
+			const uint16_t *indices = (const uint16_t *)arrays.indices + 3 * i;
+
+			for (unsigned k = 0; k < 3; k++)
+				corners[k] = indices[k];
+		} else {
+			memcpy(corners, (const uint32_t *)arrays.indices + 3 * i, sizeof(corners));
+		}
+		corners_draw(raster, corners, item);
 	}
 	return 0;
 }

@@ -48,6 +48,34 @@ struct raster_draw {
 int raster_triangles(struct raster *raster, const struct camera_view *view,
 		     const struct raster_draw *draw);
 
+/**
+ * Draws a payload that payload_validate() has passed, as it lies in memory, all of it as one item.
+ *
+ * Returns: 0 or -ENOMEM.
+ */
+int raster_draw_payload(struct raster *raster, const struct camera_view *view, const void *payload,
+			uint64_t item);
+
+/**
+ * Lets the rasteriser keep the farthest depth of each square of pixels, for raster_shows().
+ *
+ * Returns: 0 or -ENOMEM.
+ */
+int raster_keep_farthest(struct raster *raster);
+
+/** Pixels first .. last, both inclusive, rows from the top. */
+struct raster_rectangle {
+	uint32_t x0, y0, x1, y1;
+};
+
+/**
+ * Says whether something at `depth` would show in a rectangle: whether a pixel there has that depth
+ * or a farther one.  raster_keep_farthest() came before.
+ *
+ * Cost: a look at each square of 64 pixels of the rectangle, mostly, and of 8 or 1 at its border.
+ */
+bool raster_shows(struct raster *raster, const struct raster_rectangle *rectangle, float depth);
+
 /** width x height, top row first; RASTER_ITEM_NONE and depth 0 where nothing was drawn. */
 const uint64_t *raster_items(const struct raster *raster);
 const float *raster_depths(const struct raster *raster);

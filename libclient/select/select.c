@@ -7,113 +7,36 @@
 #include <string.h>
 
 #include "formats/base/check.h"
-#include "libclient/select/places.h"
+#include "libclient/select/selector.h"
 
 /** Nodes that wait during a descent: the siblings of one node a level. */
 #define TRAVERSAL_STACK_MAX (8 * (STORE_LEVEL_MAX + 1))
-#define SIDE_PLANES         4
-#define PLANES              5
-/*
- * The near plane is tested a little closer: a vertex that the float transform rounds to this side of
- * it is drawn.  (The side planes need no margin, for pixel centres lie half a pixel inside.)
- */
-#define NEAR_SLACK 1e-3
 
-/** A tight box as half sums and half differences, which is what a plane test needs. */
-struct bounds {
-	float centre[3];
-	float half[3];
+/* ---- names ---- */
+
+static const char *const order_names[SELECT_ORDER_COUNT_] = {
+	[SELECT_ORDER_LAYER] = "layer",           [SELECT_ORDER_SOLIDITY] = "solidity",
+	[SELECT_ORDER_EXTINCTION] = "extinction", [SELECT_ORDER_TRANSMITTANCE] = "transmittance",
+	[SELECT_ORDER_DISTANCE] = "distance",     [SELECT_ORDER_AUTO] = "auto",
 };
 
-/** Planes and eye in the precision of the boxes. */
-struct view_planes {
-	double plane[PLANES][4];
-	double abs_sum[PLANES]; /* |a| + |b| + |c|: reach of a cube of half size 1 */
-	double eye[3];
-};
-
-struct selector {
-	const struct store_node *nodes;
-	uint32_t node_count;
-	struct places places;  /* the first node_count of them are the nodes */
-	struct bounds *bounds; /* a node: its tight box; an inner one: of all leaves below */
-
-	/* Scratch of one call.  A place or node is marked when its mark is the call's number. */
-	uint32_t call;
-	uint32_t *enqueued; /* a place: it was in the front, or is out of view */
-	uint32_t *selected; /* a node */
-	uint32_t *front;    /* cells in the order of arrival: by layer, then by time */
-	struct selection_entry *entries;
-	uint64_t *sort_keys; /* distance in the high half, node in the low half */
-	uint64_t *sort_spare;
-};
-
-/* ---- tight boxes ---- */
-
-static bool node_is_leaf(const struct store_node *node)
+const char *select_order_name(enum select_order order)
 {
-	return node->first_child == STORE_NODE_NONE;
+	return order_names[order];
 }
 
-/* Does selecting it draw something?  A leaf without payload is air. */
-static bool node_is_drawn(const struct store_node *node)
+int select_order_find(const char *name, enum select_order *ret)
 {
-	return node_is_leaf(node) && node->payload_id != 0;
-}
-
-static void bounds_set(struct bounds *bounds, const float box_min[3], const float box_max[3])
-{
-	for (int i = 0; i < 3; i++) {
-		double centre = 0.5 * ((double)box_min[i] + box_max[i]);
-		double half = 0.5 * ((double)box_max[i] - box_min[i]);
-
-		bounds->centre[i] = (float)centre;
-		/* Again rounded up by what the centre lost. */
-		bounds->half[i] = (float)(half * (1.0 + 0x1p-22) + fabs(centre) * 0x1p-23);
+	for (unsigned i = 0; i < SELECT_ORDER_COUNT_; i++) {
+		if (strcmp(name, order_names[i]) == 0) {
+			*ret = (enum select_order)i;
+			return 0;
+		}
 	}
+	return -EINVAL;
 }
 
-static void bounds_join(struct bounds *bounds, const struct bounds *other)
-{
-	float box_min[3];
-	float box_max[3];
-
-	for (int i = 0; i < 3; i++) {
-		box_min[i] = fminf(bounds->centre[i] - bounds->half[i],
-				   other->centre[i] - other->half[i]);
-		box_max[i] = fmaxf(bounds->centre[i] + bounds->half[i],
-				   other->centre[i] + other->half[i]);
-	}
-	bounds_set(bounds, box_min, box_max);
-}
-
-/* A box of negative size is that of a node with nothing to draw below. */
-static bool bounds_are_empty(const struct bounds *bounds)
-{
-	return bounds->half[0] < 0.0f;
-}
-
-/* Children have higher numbers than their parent, so from behind every child is done first. */
-static void selector_bound(struct selector *selector)
-{
-	for (uint32_t i = 0; i < selector->node_count; i++)
-		selector->bounds[i].half[0] = -1.0f;
-	for (uint32_t i = selector->node_count; i-- > 0;) {
-		const struct store_node *node = &selector->nodes[i];
-		struct bounds *bounds = &selector->bounds[i];
-		struct bounds *above;
-
-		if (node_is_drawn(node))
-			bounds_set(bounds, node->box_min, node->box_max);
-		if (i == 0 || bounds_are_empty(bounds))
-			continue;
-		above = &selector->bounds[node->parent];
-		if (bounds_are_empty(above))
-			*above = *bounds;
-		else
-			bounds_join(above, bounds);
-	}
-}
+/* ---- selectors ---- */
 
 /* calloc() for at least one element, so that an empty store has arrays too. */
 static void *array_create(uint64_t count, size_t element_bytes)
@@ -142,12 +65,16 @@ int selector_create(const struct store_superblock *superblock, const struct stor
 	selector->enqueued =
 		array_create(selector->places.place_count, sizeof(*selector->enqueued));
 	selector->front = array_create(selector->places.place_count, sizeof(*selector->front));
+	selector->front_slot =
+		array_create(selector->places.place_count, sizeof(*selector->front_slot));
+	selector->depth = array_create(selector->places.place_count, sizeof(*selector->depth));
 	if (!selector->bounds || !selector->selected || !selector->entries ||
 	    !selector->sort_keys || !selector->sort_spare || !selector->enqueued ||
-	    !selector->front)
+	    !selector->front || !selector->front_slot || !selector->depth)
 		goto err_destroy;
 
-	selector_bound(selector);
+	bounds_of_nodes(nodes, selector->node_count, selector->bounds);
+	hiding_init(&selector->hiding, &selector->places, nodes, selector->node_count);
 	*ret = selector;
 	return 0;
 
@@ -168,80 +95,10 @@ struct selector *selector_destroy(struct selector *selector)
 	free(selector->sort_spare);
 	free(selector->enqueued);
 	free(selector->front);
+	free(selector->front_slot);
+	free(selector->depth);
 	free(selector);
 	return NULL;
-}
-
-/* ---- tests against the view ---- */
-
-static void view_planes_set(struct view_planes *planes, const struct camera_view *view)
-{
-	memcpy(planes->plane, view->planes, sizeof(planes->plane));
-	memcpy(planes->eye, view->eye, sizeof(planes->eye));
-	planes->plane[PLANES - 1][3] += NEAR_SLACK * view->near;
-	for (int i = 0; i < PLANES; i++)
-		planes->abs_sum[i] = fabs(view->planes[i][0]) + fabs(view->planes[i][1]) +
-				     fabs(view->planes[i][2]);
-}
-
-enum side {
-	SIDE_OUTSIDE,
-	SIDE_CROSSING,
-	SIDE_INSIDE
-};
-
-static enum side bounds_side(const struct view_planes *planes, const struct bounds *bounds)
-{
-	enum side side = SIDE_INSIDE;
-
-	for (int i = 0; i < PLANES; i++) {
-		const double *p = planes->plane[i];
-		double distance = p[0] * bounds->centre[0] + p[1] * bounds->centre[1] +
-				  p[2] * bounds->centre[2] + p[3];
-		double reach = fabs(p[0]) * bounds->half[0] + fabs(p[1]) * bounds->half[1] +
-			       fabs(p[2]) * bounds->half[2];
-
-		if (distance < -reach)
-			return SIDE_OUTSIDE;
-		if (distance < reach)
-			side = SIDE_CROSSING;
-	}
-	return side;
-}
-
-/* The walk ignores the near plane: what it cuts off may still lead to what is seen. */
-static bool cube_in_view(const struct view_planes *planes, const struct cube *cube)
-{
-	for (int i = 0; i < SIDE_PLANES; i++) {
-		const double *p = planes->plane[i];
-
-		if (p[0] * cube->centre[0] + p[1] * cube->centre[1] + p[2] * cube->centre[2] +
-			    p[3] <
-		    -cube->half * planes->abs_sum[i])
-			return false;
-	}
-	return true;
-}
-
-static double bounds_distance2(const struct view_planes *planes, const struct bounds *bounds)
-{
-	double sum = 0.0;
-
-	for (int i = 0; i < 3; i++) {
-		double outside = fabs(planes->eye[i] - bounds->centre[i]) - bounds->half[i];
-
-		if (outside > 0.0)
-			sum += outside * outside;
-	}
-	return sum;
-}
-
-static double cube_distance2(const struct view_planes *planes, const struct cube *cube)
-{
-	struct bounds bounds = { { cube->centre[0], cube->centre[1], cube->centre[2] },
-				 { cube->half, cube->half, cube->half } };
-
-	return bounds_distance2(planes, &bounds);
 }
 
 /* ---- candidates by distance ---- */
@@ -335,7 +192,7 @@ static size_t candidates_sorted(struct selector *selector, const struct view_pla
 
 /* ---- selections ---- */
 
-static void selection_begin(struct selector *selector, struct selection *ret)
+void selection_begin(struct selector *selector, struct selection *ret)
 {
 	/* Marks of 2^32 calls ago would look like this call's. */
 	if (++selector->call == 0) {
@@ -348,7 +205,7 @@ static void selection_begin(struct selector *selector, struct selection *ret)
 }
 
 /* Importance falls with the place alone, so that the sets of different viewers compare fairly. */
-static void selection_add(struct selector *selector, uint32_t node, struct selection *ret)
+void selection_add(struct selector *selector, uint32_t node, struct selection *ret)
 {
 	struct selection_entry *entry = &selector->entries[ret->entry_count++];
 
@@ -358,9 +215,8 @@ static void selection_add(struct selector *selector, uint32_t node, struct selec
 	selector->selected[node] = selector->call;
 }
 
-/* Adds the candidates by distance until the budget is spent. */
-static void selection_add_candidates(struct selector *selector, const struct view_planes *planes,
-				     uint64_t budget_triangles, struct selection *ret)
+void selection_add_candidates(struct selector *selector, const struct view_planes *planes,
+			      uint64_t budget_triangles, struct selection *ret)
 {
 	size_t count = candidates_sorted(selector, planes, &ret->nodes_visited);
 
@@ -390,96 +246,35 @@ uint32_t select_find_leaf(const struct selector *selector, const double point[3]
 	return cell < selector->node_count ? cell : STORE_NODE_NONE;
 }
 
-/* The cell in view that is nearest to the eye. */
-struct nearest {
-	uint32_t cell;
-	double distance2;
-};
-
-static void find_nearest(const struct places *places, const struct view_planes *planes,
-			 uint32_t place, struct nearest *nearest, uint64_t *nodes_visited)
+/* The order for such a view, as measured (README.md). */
+static enum select_order order_for(const struct selector *selector,
+				   const struct view_planes *planes,
+				   const struct select_options *options)
 {
-	const struct cube *cube = &places->cubes[place];
-	double distance2 = cube_distance2(planes, cube);
-	unsigned eye_octant = 0;
-
-	++*nodes_visited;
-	if (distance2 >= nearest->distance2 || !cube_in_view(planes, cube))
-		return;
-	if (place_is_cell(places, place)) {
-		nearest->cell = place;
-		nearest->distance2 = distance2;
-		return;
-	}
-	/* The eye's side first, so that most of the rest is farther than what was found. */
-	for (unsigned i = 0; i < 3; i++)
-		eye_octant |= planes->eye[i] >= cube->centre[i] ? 1u << i : 0;
-	for (unsigned i = 0; i < 8; i++)
-		find_nearest(places, planes, place_child(places, place, eye_octant ^ i), nearest,
-			     nodes_visited);
+	if (options->order != SELECT_ORDER_AUTO)
+		return options->order;
+	/* All of it fits: there is nothing to choose. */
+	if (selector->places.superblock->triangle_count <= options->budget_triangles)
+		return SELECT_ORDER_DISTANCE;
+	return places_find_cell(&selector->places, planes->eye) == PLACE_NONE
+		       ? SELECT_ORDER_TRANSMITTANCE
+		       : SELECT_ORDER_LAYER;
 }
 
-/* Where the walk begins: the eye's cell, else the nearest one in view, else PLACE_NONE. */
-static uint32_t first_cell(const struct places *places, const struct view_planes *planes,
-			   uint64_t *nodes_visited)
+void select_approximate(struct selector *selector, const struct camera_view *view,
+			const struct select_options *options, struct selection *ret)
 {
-	struct nearest nearest = { PLACE_NONE, INFINITY };
-	uint32_t cell = places_find_cell(places, planes->eye);
-
-	if (cell == PLACE_NONE && places->place_count > 0) {
-		find_nearest(places, planes, 0, &nearest, nodes_visited);
-		cell = nearest.cell;
-	}
-	return cell;
-}
-
-/*
- * The keys of this order are layers, so the front is a queue: what is enqueued first has the least
- * layer, and among equals the oldest time stamp.
- */
-void select_layers(struct selector *selector, const struct camera_view *view,
-		   uint64_t budget_triangles, struct selection *ret)
-{
-	const struct places *places = &selector->places;
+	struct select_options decided = *options;
 	struct view_planes planes;
-	uint32_t front_begin = 0;
-	uint32_t front_end = 0;
-	uint32_t cell;
 
-	if (budget_triangles == 0)
-		budget_triangles = UINT64_MAX;
 	view_planes_set(&planes, view);
+	if (decided.budget_triangles == 0)
+		decided.budget_triangles = UINT64_MAX;
+	decided.order = order_for(selector, &planes, &decided);
 	selection_begin(selector, ret);
-
-	cell = first_cell(places, &planes, &ret->nodes_visited);
-	if (cell != PLACE_NONE) {
-		selector->enqueued[cell] = selector->call;
-		selector->front[front_end++] = cell;
-	}
-	while (front_begin < front_end) {
-		cell = selector->front[front_begin++];
-		ret->nodes_visited++;
-		if (cell < selector->node_count && !bounds_are_empty(&selector->bounds[cell]) &&
-		    bounds_side(&planes, &selector->bounds[cell]) != SIDE_OUTSIDE) {
-			/* The budget is judged here, so that it is known that something is left out. */
-			if (ret->entry_count > 0 && ret->triangle_count >= budget_triangles) {
-				ret->budget_reached = true;
-				return;
-			}
-			selection_add(selector, cell, ret);
-		}
-		for (uint32_t i = places->first_adjacent[cell];
-		     i < places->first_adjacent[cell + 1]; i++) {
-			uint32_t neighbour = places->adjacent[i];
-
-			if (selector->enqueued[neighbour] == selector->call)
-				continue;
-			/* In view or not, it is looked at once. */
-			selector->enqueued[neighbour] = selector->call;
-			if (cube_in_view(&planes, &places->cubes[neighbour]))
-				selector->front[front_end++] = neighbour;
-		}
-	}
+	if (decided.order != SELECT_ORDER_DISTANCE &&
+	    !select_walk(selector, &planes, &decided, ret))
+		return;
 	/* Triangles reach out of their cells: into view from cells that the walk did not get to. */
-	selection_add_candidates(selector, &planes, budget_triangles, ret);
+	selection_add_candidates(selector, &planes, decided.budget_triangles, ret);
 }

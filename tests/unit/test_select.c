@@ -287,6 +287,15 @@ static double box_distance2(const struct camera_view *view, const struct store_n
 	return sum;
 }
 
+static void select_in_order(struct selector *selector, const struct camera_view *view,
+			    enum select_order order, uint64_t budget_triangles,
+			    struct selection *ret)
+{
+	struct select_options options = { order, budget_triangles };
+
+	select_approximate(selector, view, &options, ret);
+}
+
 /* ---- the tests ---- */
 
 static void select_frustum_leaves_nothing_out_that_covers_a_pixel(void **state)
@@ -353,7 +362,13 @@ static void select_frustum_gives_the_nearest_first(void **state)
 	tree_done(&tree);
 }
 
-static void select_layers_without_budget_selects_what_the_frustum_holds(void **state)
+/* Each in turn, but AUTO: that may choose another for another budget. */
+static enum select_order order_of(int number)
+{
+	return (enum select_order)((unsigned)number % SELECT_ORDER_AUTO);
+}
+
+static void every_order_without_budget_selects_what_the_frustum_holds(void **state)
 {
 	(void)state;
 	for (uint64_t seed = 1; seed <= 6; seed++) {
@@ -371,7 +386,7 @@ static void select_layers_without_budget_selects_what_the_frustum_holds(void **s
 
 			select_frustum(selector, &view, &selection);
 			of_frustum = selection_marks(&tree, &selection);
-			select_layers(selector, &view, 0, &selection);
+			select_in_order(selector, &view, order_of(i), 0, &selection);
 			of_layers = selection_marks(&tree, &selection);
 			assert_false(selection.budget_reached);
 			assert_memory_equal(of_frustum, of_layers,
@@ -384,7 +399,7 @@ static void select_layers_without_budget_selects_what_the_frustum_holds(void **s
 	}
 }
 
-static void select_layers_with_a_budget_is_the_beginning_of_the_whole(void **state)
+static void every_order_with_a_budget_is_the_beginning_of_the_whole(void **state)
 {
 	struct selection_entry *whole;
 	struct selector *selector;
@@ -402,12 +417,12 @@ static void select_layers_with_a_budget_is_the_beginning_of_the_whole(void **sta
 		uint64_t whole_triangles;
 		size_t whole_count;
 
-		select_layers(selector, &view, 0, &selection);
+		select_in_order(selector, &view, order_of(i), 0, &selection);
 		whole_count = selection.entry_count;
 		whole_triangles = selection.triangle_count;
 		memcpy(whole, selection.entries, whole_count * sizeof(*whole));
 
-		select_layers(selector, &view, budget, &selection);
+		select_in_order(selector, &view, order_of(i), budget, &selection);
 		assert_memory_equal(whole, selection.entries,
 				    selection.entry_count * sizeof(*whole));
 		assert_int_equal(selection.budget_reached, selection.entry_count < whole_count);
@@ -446,13 +461,13 @@ static void selections_are_the_same_every_time(void **state)
 		struct selection selection;
 		size_t count;
 
-		select_layers(selectors[0], &view, 2000, &selection);
+		select_in_order(selectors[0], &view, order_of(i), 2000, &selection);
 		count = selection.entry_count;
 		memcpy(first, selection.entries, count * sizeof(*first));
 		/* Other calls between leave no trace. */
 		select_frustum(selectors[0], &view, &selection);
 		for (int k = 0; k < 2; k++) {
-			select_layers(selectors[k], &view, 2000, &selection);
+			select_in_order(selectors[k], &view, order_of(i), 2000, &selection);
 			assert_int_equal(selection.entry_count, count);
 			assert_memory_equal(first, selection.entries, count * sizeof(*first));
 		}
@@ -617,7 +632,7 @@ static void select_layers_walks_face_by_face_through_empty_cells(void **state)
 			for (size_t k = 0; k < cell_count; k++)
 				if (cells[k].leaf != STORE_NODE_NONE)
 					layer_of[cells[k].leaf] = layers[k];
-			select_layers(selector, &view, 0, &selection);
+			select_in_order(selector, &view, SELECT_ORDER_LAYER, 0, &selection);
 			for (size_t k = 0; k < selection.entry_count; k++) {
 				int layer = layer_of[selection.entries[k].node];
 
@@ -667,7 +682,8 @@ static void records_left_out_between_levels_change_nothing(void **state)
 			struct selection selections[2];
 
 			for (int k = 0; k < 2; k++)
-				select_layers(selectors[k], &view, 300, &selections[k]);
+				select_in_order(selectors[k], &view, SELECT_ORDER_LAYER, 300,
+						&selections[k]);
 			assert_int_equal(selections[0].entry_count, selections[1].entry_count);
 			for (size_t k = 0; k < selections[0].entry_count; k++)
 				assert_int_equal(
@@ -708,7 +724,7 @@ static void an_eye_in_a_wall_outside_or_turned_away_is_no_trouble(void **state)
 
 	/* In a wall: the eye's own leaf comes first. */
 	view = view_of(&tree, tree.points[0][0], tree.points[0][1], tree.points[0][2], 0, 0, 0);
-	select_layers(selector, &view, 1, &selection);
+	select_in_order(selector, &view, SELECT_ORDER_LAYER, 1, &selection);
 	leaf = select_find_leaf(selector, view.eye);
 	assert_int_not_equal(leaf, STORE_NODE_NONE);
 	assert_int_equal(selection.entry_count, 1);
@@ -717,13 +733,13 @@ static void an_eye_in_a_wall_outside_or_turned_away_is_no_trouble(void **state)
 
 	/* Far outside, everything in view: everything is selected, nearest cells first. */
 	view = view_of(&tree, 0, -500, 0, 0, 0, 0);
-	select_layers(selector, &view, 0, &selection);
+	select_in_order(selector, &view, SELECT_ORDER_LAYER, 0, &selection);
 	assert_int_equal(selection.entry_count, tree.superblock.leaf_count);
 	assert_true(box_distance2(&view, &tree.nodes[selection.entries[0].node]) < 485.0 * 485.0);
 
 	/* Turned away: nothing. */
 	view = view_of(&tree, 0, -500, 0, 0, -501, 0);
-	select_layers(selector, &view, 0, &selection);
+	select_in_order(selector, &view, SELECT_ORDER_LAYER, 0, &selection);
 	assert_int_equal(selection.entry_count, 0);
 	assert_false(selection.budget_reached);
 	select_frustum(selector, &view, &selection);
@@ -751,7 +767,7 @@ static void triangles_that_reach_into_view_are_selected_though_their_cell_is_not
 		tree.nodes[2].box_min[k] = -30.0f;
 	assert_int_equal(selector_create(&tree.superblock, tree.nodes, &selector), 0);
 	view = view_of(&tree, 10, 10, 10, -20, -20, -20);
-	select_layers(selector, &view, 0, &selection);
+	select_in_order(selector, &view, SELECT_ORDER_LAYER, 0, &selection);
 	assert_int_equal(selection.entry_count, 2);
 	selector_destroy(selector);
 	tree_done(&tree);
@@ -803,7 +819,7 @@ static void a_store_of_nothing_or_of_one_leaf_is_no_trouble(void **state)
 		assert_int_equal(selector_create(&superblock, &root, &selector), 0);
 		select_frustum(selector, &view, &selection);
 		assert_int_equal(selection.entry_count, node_count == 2);
-		select_layers(selector, &view, 1, &selection);
+		select_in_order(selector, &view, SELECT_ORDER_LAYER, 1, &selection);
 		assert_int_equal(selection.entry_count, node_count == 2);
 		assert_false(selection.budget_reached);
 		selector_destroy(selector);
@@ -840,7 +856,7 @@ static void a_model_moved_far_from_the_origin_gives_the_same_selection(void **st
 				camera_view_init(&view, &camera, &tree.superblock, 1.0, 0.1), 0);
 			assert_int_equal(selector_create(&tree.superblock, tree.nodes, &selector),
 					 0);
-			select_layers(selector, &view, 2000, &selection);
+			select_in_order(selector, &view, SELECT_ORDER_LAYER, 2000, &selection);
 			if (shift == 0.0) {
 				count = selection.entry_count;
 				memcpy(first, selection.entries, count * sizeof(*first));
@@ -859,8 +875,8 @@ int main(void)
 	static const struct CMUnitTest tests[] = {
 		cmocka_unit_test(select_frustum_leaves_nothing_out_that_covers_a_pixel),
 		cmocka_unit_test(select_frustum_gives_the_nearest_first),
-		cmocka_unit_test(select_layers_without_budget_selects_what_the_frustum_holds),
-		cmocka_unit_test(select_layers_with_a_budget_is_the_beginning_of_the_whole),
+		cmocka_unit_test(every_order_without_budget_selects_what_the_frustum_holds),
+		cmocka_unit_test(every_order_with_a_budget_is_the_beginning_of_the_whole),
 		cmocka_unit_test(selections_are_the_same_every_time),
 		cmocka_unit_test(select_layers_walks_face_by_face_through_empty_cells),
 		cmocka_unit_test(records_left_out_between_levels_change_nothing),
