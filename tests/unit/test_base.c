@@ -16,6 +16,7 @@
 
 #include "formats/base/bytes.h"
 #include "formats/base/file.h"
+#include "formats/base/histogram.h"
 #include "formats/base/list.h"
 #include "formats/base/text.h"
 #include "formats/base/why.h"
@@ -187,6 +188,35 @@ static void bytes_are_zero_sees_any_other_byte(void **state)
 	}
 }
 
+static void histogram_puts_each_time_below_its_bound(void **state)
+{
+	static const uint64_t times_ns[] = { 0, 1023, 1024, 2047, 2048, 1000000, UINT64_MAX };
+	struct histogram histogram = { 0 };
+	uint64_t count = 0;
+
+	(void)state;
+	for (size_t i = 0; i < ARRAY_LENGTH(times_ns); i++) {
+		struct histogram one = { 0 };
+		uint32_t bucket = 0;
+
+		histogram_add(&one, times_ns[i]);
+		histogram_add(&histogram, times_ns[i]);
+		while (one.counts[bucket] == 0)
+			bucket++;
+		assert_true(times_ns[i] < histogram_bound_ns(bucket) ||
+			    bucket == HISTOGRAM_BUCKET_COUNT - 1);
+		if (bucket > 0)
+			assert_true(times_ns[i] >= histogram_bound_ns(bucket - 1));
+	}
+	for (uint32_t i = 0; i < HISTOGRAM_BUCKET_COUNT; i++)
+		count += histogram.counts[i];
+	assert_int_equal(count, ARRAY_LENGTH(times_ns));
+	assert_int_equal(histogram.count, count);
+	assert_int_equal(histogram_quantile_ns(&histogram, 0.0), 1024);
+	assert_int_equal(histogram_quantile_ns(&histogram, 0.5), 2048);
+	assert_true(histogram_quantile_ns(&histogram, 1.0) == UINT64_MAX);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -199,6 +229,7 @@ int main(void)
 		cmocka_unit_test(file_read_at_tells_the_end_of_the_file),
 		cmocka_unit_test(list_walks_in_order_while_entries_are_taken_off),
 		cmocka_unit_test(bytes_are_zero_sees_any_other_byte),
+		cmocka_unit_test(histogram_puts_each_time_below_its_bound),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
