@@ -52,9 +52,7 @@ static bool normalise3(double v[3])
 	return true;
 }
 
-/* The camera's axes; an up that says nothing (along the view) is replaced by an axis that does. */
-static bool camera_axes(const struct camera *camera, double right[3], double up[3],
-			double forward[3])
+bool camera_axes(const struct camera *camera, double right[3], double up[3], double forward[3])
 {
 	double wanted_up[3] = { camera->up[0], camera->up[1], camera->up[2] };
 	int least = 0;

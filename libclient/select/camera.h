@@ -57,6 +57,14 @@ struct camera_view {
 int camera_view_init(struct camera_view *ret, const struct camera *camera,
 		     const struct store_superblock *superblock, double aspect, double near);
 
+/**
+ * The camera's axes, orthonormal; an up that says nothing (along the view) is replaced by an axis that
+ * does.
+ *
+ * Returns: false when the camera has no direction.
+ */
+bool camera_axes(const struct camera *camera, double right[3], double up[3], double forward[3]);
+
 /** The float offset of a node: payload_header.origin seen from the anchor. */
 void camera_node_offset(const struct camera_view *view, const double payload_origin[3],
 			float ret[3]);
