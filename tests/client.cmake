@@ -7,6 +7,8 @@ oocd_test(test_client_session unit SOURCES unit/test_client_session.c LINK oocd_
 oocd_test(test_client_daemon integration
 	SOURCES integration/test_client_daemon.c LINK oocclient oocd_test_helper)
 add_dependencies(test_client_daemon oocd)
+oocd_test(test_look_ahead integration
+	SOURCES integration/test_look_ahead.c LINK oocd_look_ahead oocd_daemon_kit Threads::Threads)
 oocd_test(test_wire unit
 	SOURCES unit/test_wire.c unit/wire_samples.c LINK oocd_wire oocd_test_helper m)
 oocd_test(test_protocol_text unit SOURCES unit/test_protocol_text.c LINK oocd_wire oocd_test_helper)
