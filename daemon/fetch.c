@@ -19,21 +19,32 @@ struct fetch_job {
 	struct list link; /* fetch.waiting while pieces are left to be read, else fetch.free_jobs */
 	uint32_t next_bytes; /* where the next piece begins */
 	uint32_t pieces_in_flight;
-	int error; /* the first one */
+	int error;  /* the first one */
+	bool alone; /* the piece that it shared has failed: its next one is not shared */
 	bool in_use;
 };
 
-/* A piece that is with the back end. */
+/* What a piece reads for one request. */
+struct fetch_part {
+	uint32_t job;
+	uint32_t offset_bytes; /* in the request */
+	uint32_t at_bytes;     /* in the piece */
+	uint32_t bytes;        /* less than whole blocks at the end of the extent */
+};
+
+/* A piece that is being put together (fetch.open_op), or with the back end. */
 struct fetch_op {
 	uint32_t generation; /* +1 at each use: a late event cannot be taken for a new one */
 	uint32_t next_free;
-	uint32_t job;
-	uint32_t offset_bytes; /* in the request */
-	uint32_t bytes;        /* a multiple of blocks */
-	uint32_t wanted_bytes; /* less than bytes at the end of the extent */
+	uint32_t file;
+	uint64_t file_offset;
+	uint32_t bytes; /* a multiple of blocks */
 	uint32_t done_bytes;
 	uint32_t retry_count;
 	bool in_flight;
+	uint32_t part_count;
+	struct fetch_part parts[FETCH_PART_COUNT_MAX];
+	struct iovec vector[FETCH_PART_COUNT_MAX]; /* the kernel may read it until it has ended */
 };
 
 struct fetch {
@@ -43,8 +54,9 @@ struct fetch {
 	struct why degraded;
 	uint32_t depth;
 	uint64_t read_bytes;
-	uint32_t in_flight;
+	uint32_t in_flight;  /* ops in use, the open one included */
 	uint32_t first_free; /* op */
+	uint32_t open_op;    /* that the next request may join; NO_INDEX: none */
 	struct list waiting;
 	struct list free_jobs;
 	int files[FETCH_FILE_COUNT_MAX]; /* -1: none */
@@ -94,6 +106,7 @@ int fetch_create(const struct fetch_config *config, struct fetch **ret, struct w
 	fetch->done = config->done;
 	fetch->done_arg = config->done_arg;
 	fetch->depth = config->depth;
+	fetch->open_op = NO_INDEX;
 	list_init(&fetch->waiting);
 	list_init(&fetch->free_jobs);
 	for (uint32_t i = 0; i < FILL_COUNT_MAX; i++)
@@ -196,51 +209,133 @@ static struct fetch_op *op_of_tag(struct fetch *fetch, uint64_t tag)
 	return op;
 }
 
-/* Gives what is left of a piece to the back end. */
-static void op_submit(struct fetch *fetch, const struct fetch_op *op)
+static uint32_t whole_blocks(uint32_t bytes)
 {
-	const struct fetch_request *request = &fetch->jobs[op->job].request;
-	uint32_t offset_bytes = op->offset_bytes + op->done_bytes;
+	return (uint32_t)bytes_round_up(bytes, STORE_BLOCK_BYTES);
+}
+
+/*
+ * Where what is left of a piece goes.  Neighbours in the file are often neighbours in memory too, and
+ * then in a registered buffer, which is the cheapest way to read.
+ */
+static uint32_t op_aim(struct fetch *fetch, struct fetch_op *op, uint32_t *ret_buffer)
+{
+	struct iovec *last = NULL;
+	uint32_t count = 0;
+
+	for (uint32_t i = 0; i < op->part_count; i++) {
+		const struct fetch_part *part = &op->parts[i];
+		const struct fetch_request *request = &fetch->jobs[part->job].request;
+		uint32_t end_bytes = part->at_bytes + whole_blocks(part->bytes);
+		uint32_t at_bytes = (uint32_t)u64_max(part->at_bytes, op->done_bytes);
+		uint8_t *to = (uint8_t *)request->destination + part->offset_bytes +
+			      (at_bytes - part->at_bytes);
+
+		if (end_bytes <= op->done_bytes)
+			continue;
+		if (last && (uint8_t *)last->iov_base + last->iov_len == to &&
+		    *ret_buffer == request->buffer) {
+			last->iov_len += end_bytes - at_bytes;
+			continue;
+		}
+		last = &op->vector[count++];
+		*last = (struct iovec){ to, end_bytes - at_bytes };
+		*ret_buffer = request->buffer;
+	}
+	return count;
+}
+
+/* Gives what is left of a piece to the back end. */
+static void op_submit(struct fetch *fetch, struct fetch_op *op)
+{
 	struct fetch_piece piece = {
 		.tag = op_tag(fetch, op),
-		.file = request->file,
-		.buffer = request->buffer,
-		.file_offset = request->file_offset + offset_bytes,
-		.bytes = op->bytes - op->done_bytes,
-		.destination = (uint8_t *)request->destination + offset_bytes,
+		.file = op->file,
+		.buffer = FETCH_BUFFER_NONE,
+		.file_offset = op->file_offset + op->done_bytes,
+		.vector = op->vector,
 	};
 
+	piece.vector_count = op_aim(fetch, op, &piece.buffer);
+	if (piece.vector_count > 1)
+		piece.buffer = FETCH_BUFFER_NONE;
+	op->in_flight = true;
 	fetch->backend->calls->submit(fetch->backend, &piece);
 }
 
-static void op_begin(struct fetch *fetch, struct fetch_job *job)
+/* The piece is as long as it gets. */
+static void op_close(struct fetch *fetch)
 {
-	uint32_t left_bytes = job->request.bytes - job->next_bytes;
+	if (fetch->open_op != NO_INDEX)
+		op_submit(fetch, &fetch->ops[fetch->open_op]);
+	fetch->open_op = NO_INDEX;
+}
+
+static struct fetch_op *op_open(struct fetch *fetch, const struct fetch_job *job)
+{
 	struct fetch_op *op = &fetch->ops[fetch->first_free];
 
 	CHECK(fetch->first_free != NO_INDEX && !op->in_flight);
+	fetch->open_op = fetch->first_free;
 	fetch->first_free = op->next_free;
+	fetch->in_flight++;
 	op->generation++;
-	op->in_flight = true;
-	op->job = (uint32_t)(job - fetch->jobs);
-	op->offset_bytes = job->next_bytes;
-	op->wanted_bytes = (uint32_t)u64_min(left_bytes, FETCH_PIECE_BYTES);
-	op->bytes = (uint32_t)bytes_round_up(op->wanted_bytes, STORE_BLOCK_BYTES);
+	op->file = job->request.file;
+	op->file_offset = job->request.file_offset + job->next_bytes;
+	op->bytes = 0;
 	op->done_bytes = 0;
 	op->retry_count = 0;
-	job->next_bytes += op->wanted_bytes;
+	op->part_count = 0;
+	return op;
+}
+
+static bool op_can_grow(const struct fetch_op *op)
+{
+	return op->bytes < FETCH_PIECE_BYTES && op->part_count < FETCH_PART_COUNT_MAX;
+}
+
+/* A request joins with its end only: it can be taken back by going back to where the part begins. */
+static bool op_can_take(const struct fetch *fetch, const struct fetch_op *op,
+			const struct fetch_job *job)
+{
+	const struct fetch_request *request = &job->request;
+
+	return op_can_grow(op) && !job->alone && !fetch->jobs[op->parts[0].job].alone &&
+	       request->file == op->file &&
+	       request->file_offset + job->next_bytes == op->file_offset + op->bytes &&
+	       request->bytes - job->next_bytes <= FETCH_PIECE_BYTES - op->bytes;
+}
+
+static void op_add(struct fetch *fetch, struct fetch_op *op, struct fetch_job *job)
+{
+	uint32_t left_bytes = job->request.bytes - job->next_bytes;
+	struct fetch_part part = {
+		.job = (uint32_t)(job - fetch->jobs),
+		.offset_bytes = job->next_bytes,
+		.at_bytes = op->bytes,
+		.bytes = (uint32_t)u64_min(left_bytes, FETCH_PIECE_BYTES),
+	};
+
+	op->parts[op->part_count++] = part;
+	op->bytes += whole_blocks(part.bytes);
+	job->next_bytes += part.bytes;
 	job->pieces_in_flight++;
-	fetch->in_flight++;
-	op_submit(fetch, op);
 }
 
 /* Keeps the queue full, in the order of the requests. */
 static void pieces_begin(struct fetch *fetch)
 {
-	while (fetch->in_flight < fetch->depth && !list_is_empty(&fetch->waiting)) {
+	while (!list_is_empty(&fetch->waiting)) {
 		struct fetch_job *job = LIST_ENTRY(fetch->waiting.next, struct fetch_job, link);
 
-		op_begin(fetch, job);
+		if (fetch->open_op == NO_INDEX ||
+		    !op_can_take(fetch, &fetch->ops[fetch->open_op], job)) {
+			if (fetch->in_flight == fetch->depth)
+				return;
+			op_close(fetch);
+			(void)op_open(fetch, job);
+		}
+		op_add(fetch, &fetch->ops[fetch->open_op], job);
 		if (job->next_bytes == job->request.bytes)
 			list_remove(&job->link);
 	}
@@ -263,6 +358,7 @@ int fetch_start(struct fetch *fetch, const struct fetch_request *request)
 	job->next_bytes = 0;
 	job->pieces_in_flight = 0;
 	job->error = 0;
+	job->alone = false;
 	job->in_use = true;
 	list_push_back(&fetch->waiting, &job->link);
 	pieces_begin(fetch);
@@ -271,13 +367,15 @@ int fetch_start(struct fetch *fetch, const struct fetch_request *request)
 
 void fetch_flush(struct fetch *fetch)
 {
+	op_close(fetch);
 	fetch->backend->calls->flush(fetch->backend);
 }
 
 int fetch_has_room(const struct fetch *fetch)
 {
-	return fetch->in_flight < fetch->depth && list_is_empty(&fetch->waiting) &&
-	       !list_is_empty(&fetch->free_jobs);
+	return list_is_empty(&fetch->waiting) && !list_is_empty(&fetch->free_jobs) &&
+	       (fetch->in_flight < fetch->depth ||
+		(fetch->open_op != NO_INDEX && op_can_grow(&fetch->ops[fetch->open_op])));
 }
 
 uint32_t fetch_in_flight(const struct fetch *fetch)
@@ -295,17 +393,12 @@ int fetch_fd(const struct fetch *fetch)
 	return fetch->backend->calls->fd(fetch->backend);
 }
 
-/* The piece is over.  Op and job are free before the caller is told, who may start the next. */
-static void op_end(struct fetch *fetch, struct fetch_op *op, int error)
+/* What a piece read for a request is over.  The job is free before the caller is told. */
+static void part_end(struct fetch *fetch, struct fetch_job *job, int error)
 {
-	struct fetch_job *job = &fetch->jobs[op->job];
 	uint64_t tag = job->request.tag;
 
-	op->in_flight = false;
-	op->next_free = fetch->first_free;
-	fetch->first_free = (uint32_t)(op - fetch->ops);
-	CHECK(fetch->in_flight > 0 && job->pieces_in_flight > 0);
-	fetch->in_flight--;
+	CHECK(job->pieces_in_flight > 0);
 	job->pieces_in_flight--;
 	if (error < 0 && job->error == 0) {
 		/* What was not begun need not be read. */
@@ -319,6 +412,50 @@ static void op_end(struct fetch *fetch, struct fetch_op *op, int error)
 	job->in_use = false;
 	list_push_back(&fetch->free_jobs, &job->link);
 	fetch->done(fetch->done_arg, tag, error);
+}
+
+/* The end of a request, that failed together with others, is read again by itself. */
+static void part_again(struct fetch *fetch, struct fetch_job *job, const struct fetch_part *part)
+{
+	CHECK(job->pieces_in_flight > 0 && job->next_bytes == job->request.bytes);
+	job->pieces_in_flight--;
+	job->next_bytes = part->offset_bytes;
+	job->alone = true;
+	list_push_front(&fetch->waiting, &job->link);
+}
+
+/* The piece is over.  The op is free before callers are told, who may start the next. */
+static void op_end(struct fetch *fetch, struct fetch_op *op, int error)
+{
+	struct fetch_part parts[FETCH_PART_COUNT_MAX];
+	uint32_t part_count = op->part_count;
+	uint32_t done_bytes = op->done_bytes;
+
+	memcpy(parts, op->parts, part_count * sizeof(parts[0]));
+	op->in_flight = false;
+	op->next_free = fetch->first_free;
+	fetch->first_free = (uint32_t)(op - fetch->ops);
+	CHECK(fetch->in_flight > 0);
+	fetch->in_flight--;
+	for (uint32_t i = 0; i < part_count; i++) {
+		struct fetch_job *job = &fetch->jobs[parts[i].job];
+		bool is_read = error == 0 || parts[i].at_bytes + parts[i].bytes <= done_bytes;
+
+		if (is_read)
+			part_end(fetch, job, 0);
+		else if (part_count == 1 || job->error < 0)
+			part_end(fetch, job, error);
+		else
+			part_again(fetch, job, &parts[i]);
+	}
+}
+
+/* Less than op.bytes where an extent ends within a block, which may be where the file ends. */
+static uint32_t op_wanted_bytes(const struct fetch_op *op)
+{
+	const struct fetch_part *last = &op->parts[op->part_count - 1];
+
+	return last->at_bytes + last->bytes;
 }
 
 /*
@@ -345,7 +482,7 @@ static void on_event(struct fetch *fetch, struct fetch_event event)
 	}
 	done_bytes = op->done_bytes + (event.result > 0 ? (uint32_t)event.result : 0);
 	CHECK(done_bytes <= op->bytes);
-	if (done_bytes >= op->wanted_bytes) {
+	if (done_bytes >= op_wanted_bytes(op)) {
 		op_end(fetch, op, 0);
 		return;
 	}

@@ -3,8 +3,11 @@
  * fetch.h - reads extents of files into memory, without blocking.
  *
  * A request is cut into pieces of at most FETCH_PIECE_BYTES, of which `depth` are in flight at one
- * time; requests are served in the order given.  Short reads, EINTR and EAGAIN are not errors and
- * are bounded.  It does not look at the bytes and does not know what they are for.
+ * time; requests are served in the order given.  Requests that follow each other in the file as they
+ * do in that order share a piece, for a read costs the processor more than its bytes do; where such a
+ * piece fails, each of them is read again by itself, so that no request fails for another's block.
+ * Short reads, EINTR and EAGAIN are not errors and are bounded.  It does not look at the bytes and
+ * does not know what they are for.
  *
  * Three back ends do the reading: io_uring, threads with pread(2) where io_uring is denied, and a
  * simulated one for tests.  Around each a slower disk can be put (disk.h).
@@ -108,7 +111,7 @@ int fetch_start(struct fetch *fetch, const struct fetch_request *request);
 /** Hands what was started to the kernel: once a round of the loop. */
 void fetch_flush(struct fetch *fetch);
 
-/** Is there room in the queue, so that the next request would be read at once? */
+/** Would the next request be read at once, or perhaps together with the one before it? */
 int fetch_has_room(const struct fetch *fetch);
 
 /** Pieces being read now. */

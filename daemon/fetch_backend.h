@@ -12,6 +12,7 @@
 
 #include <stddef.h>
 #include <stdint.h>
+#include <sys/uio.h>
 
 #include "daemon/fetch.h"
 
@@ -23,10 +24,10 @@
 struct fetch_piece {
 	uint64_t tag;
 	uint32_t file;
-	uint32_t buffer;
+	uint32_t buffer; /* that the vector's one entry lies in, or FETCH_BUFFER_NONE */
 	uint64_t file_offset;
-	uint32_t bytes;
-	void *destination;
+	const struct iovec *vector; /* stays where it is until the piece has come back */
+	uint32_t vector_count;      /* 1 .. FETCH_PART_COUNT_MAX */
 };
 
 struct fetch_event {

@@ -65,6 +65,15 @@ static int slow_set_buffer(struct fetch_backend *backend, uint32_t buffer, void 
 					: -EOPNOTSUPP;
 }
 
+static uint64_t piece_bytes(const struct fetch_piece *piece)
+{
+	uint64_t bytes = 0;
+
+	for (uint32_t i = 0; i < piece->vector_count; i++)
+		bytes += piece->vector[i].iov_len;
+	return bytes;
+}
+
 static void slow_submit(struct fetch_backend *backend, const struct fetch_piece *piece)
 {
 	struct slow *slow = slow_of(backend);
@@ -73,7 +82,7 @@ static void slow_submit(struct fetch_backend *backend, const struct fetch_piece 
 	slow->delayed[slow->count++] = (struct delayed){
 		.event.tag = piece->tag,
 		.end_ns = disk_read(&slow->disk, clock_now_ns(), piece->file, piece->file_offset,
-				    piece->bytes),
+				    piece_bytes(piece)),
 	};
 	slow->inner->calls->submit(slow->inner, piece);
 }

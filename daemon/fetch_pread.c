@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * The back end of threads with pread(2), for where io_uring is denied.  Pieces go to the threads by
+ * The back end of threads with preadv(2), for where io_uring is denied.  Pieces go to the threads by
  * a ring under a mutex, and come back the same way; an eventfd wakes the loop.
  */
 #include <errno.h>
@@ -62,8 +62,8 @@ static void *pread_thread(void *arg)
 		self->todo_count--;
 		(void)pthread_mutex_unlock(&self->mutex);
 
-		n = pread(todo.fd, todo.piece.destination, todo.piece.bytes,
-			  (off_t)todo.piece.file_offset);
+		n = preadv(todo.fd, todo.piece.vector, (int)todo.piece.vector_count,
+			   (off_t)todo.piece.file_offset);
 		if (n < 0)
 			n = -errno;
 

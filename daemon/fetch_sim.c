@@ -69,20 +69,31 @@ static int sim_set_buffer(struct fetch_backend *backend, uint32_t buffer, void *
 	return 0;
 }
 
+/* Byte `at` of what a piece reads. */
+static uint8_t *piece_byte(const struct fetch_piece *piece, uint64_t at)
+{
+	const struct iovec *part = piece->vector;
+
+	while (at >= part->iov_len)
+		at -= (part++)->iov_len;
+	return (uint8_t *)part->iov_base + at;
+}
+
 static int32_t sim_read(struct sim *sim, const struct fetch_piece *piece)
 {
-	uint8_t *bytes = piece->destination;
 	ssize_t n;
 
 	if (sim_chance(sim, sim->config.interrupt_permille))
 		return -EINTR;
 	if (sim_chance(sim, sim->config.error_permille))
 		return -EIO;
-	n = pread(sim->files[piece->file], bytes, piece->bytes, (off_t)piece->file_offset);
+	n = preadv(sim->files[piece->file], piece->vector, (int)piece->vector_count,
+		   (off_t)piece->file_offset);
 	if (n < 0)
 		return -errno;
 	if (n > 0 && sim_chance(sim, sim->config.corrupt_permille))
-		bytes[sim_random(sim) % (uint64_t)n] ^= (uint8_t)(1u << sim_random(sim) % 8);
+		*piece_byte(piece, sim_random(sim) % (uint64_t)n) ^=
+			(uint8_t)(1u << sim_random(sim) % 8);
 	if (n > 1 && sim_chance(sim, sim->config.short_permille))
 		n = 1 + (ssize_t)(sim_random(sim) % (uint64_t)(n - 1));
 	return (int32_t)n;

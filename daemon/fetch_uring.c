@@ -41,6 +41,7 @@ static int ring_restrict(struct io_uring *ring)
 	struct io_uring_restriction restrictions[] = {
 		{ .opcode = IORING_RESTRICTION_SQE_OP, .sqe_op = IORING_OP_READ },
 		{ .opcode = IORING_RESTRICTION_SQE_OP, .sqe_op = IORING_OP_READ_FIXED },
+		{ .opcode = IORING_RESTRICTION_SQE_OP, .sqe_op = IORING_OP_READV },
 		{ .opcode = IORING_RESTRICTION_SQE_FLAGS_REQUIRED, .sqe_flags = IOSQE_FIXED_FILE },
 		{ .opcode = IORING_RESTRICTION_REGISTER_OP,
 		  .register_op = IORING_REGISTER_FILES_UPDATE2 },
@@ -115,12 +116,16 @@ static void uring_submit(struct fetch_backend *backend, const struct fetch_piece
 
 	/* The submission ring has an entry for every piece that may be in flight. */
 	CHECK(sqe != NULL);
-	if (piece->buffer == FETCH_BUFFER_NONE)
-		io_uring_prep_read(sqe, (int)piece->file, piece->destination, piece->bytes,
-				   piece->file_offset);
+	if (piece->vector_count > 1)
+		io_uring_prep_readv(sqe, (int)piece->file, piece->vector, piece->vector_count,
+				    piece->file_offset);
+	else if (piece->buffer == FETCH_BUFFER_NONE)
+		io_uring_prep_read(sqe, (int)piece->file, piece->vector->iov_base,
+				   (unsigned)piece->vector->iov_len, piece->file_offset);
 	else
-		io_uring_prep_read_fixed(sqe, (int)piece->file, piece->destination, piece->bytes,
-					 piece->file_offset, (int)piece->buffer);
+		io_uring_prep_read_fixed(sqe, (int)piece->file, piece->vector->iov_base,
+					 (unsigned)piece->vector->iov_len, piece->file_offset,
+					 (int)piece->buffer);
 	sqe->flags |= IOSQE_FIXED_FILE;
 	io_uring_sqe_set_data64(sqe, piece->tag);
 	uring->in_flight++;

@@ -49,8 +49,10 @@
 #define FILL_COUNT_MAX 256u
 /** A read is at most this long, so that what matters more overtakes quickly. */
 #define FETCH_PIECE_BYTES (256u * KIB)
-#define FETCH_DEPTH_USUAL 16u
-#define FETCH_DEPTH_MAX   256u
+/** Requests that one read may serve, neighbours in the file. */
+#define FETCH_PART_COUNT_MAX 32u
+#define FETCH_DEPTH_USUAL    16u
+#define FETCH_DEPTH_MAX      256u
 /** Times that one piece may come back without progress. */
 #define FETCH_RETRY_MAX 8u
 /** Room for coded payloads on their way: twice the largest one at least. */

@@ -238,6 +238,125 @@ static void a_read_past_the_end_is_an_error_on_every_back_end(void **state)
 	check_end_of_file(FETCH_SIM);
 }
 
+#define NEIGHBOUR_BYTES 10000u
+#define NEIGHBOUR_STEP  (3u * STORE_BLOCK_BYTES)
+
+/* Requests that follow each other in the file; every third goes right behind the one before it. */
+static void start_neighbours(struct reader *reader, uint32_t count)
+{
+	for (uint32_t i = 0; i < count; i++) {
+		struct fetch_request request = {
+			.file = reader->file,
+			.buffer = reader->buffer,
+			.file_offset = (uint64_t)i * NEIGHBOUR_STEP,
+			.bytes = NEIGHBOUR_BYTES,
+			.destination = reader->memory + (size_t)(i - i % 3) * SLOT_BYTES +
+				       (size_t)(i % 3) * NEIGHBOUR_STEP,
+			.tag = i,
+		};
+
+		assert_int_equal(fetch_start(reader->fetch, &request), 0);
+	}
+}
+
+static bool neighbour_is_right(const struct reader *reader, uint32_t i)
+{
+	return memcmp(reader->memory + (size_t)(i - i % 3) * SLOT_BYTES +
+			      (size_t)(i % 3) * NEIGHBOUR_STEP,
+		      reader->content + (size_t)i * NEIGHBOUR_STEP, NEIGHBOUR_BYTES) == 0;
+}
+
+static void requests_side_by_side_in_the_file_share_a_read(void **state)
+{
+	static const enum fetch_kind kinds[] = { FETCH_URING, FETCH_PREAD, FETCH_SIM };
+
+	(void)state;
+	for (size_t k = 0; k < ARRAY_LENGTH(kinds); k++) {
+		struct reader reader;
+
+		if (!reader_init(&reader, kinds[k], quiet))
+			continue;
+		start_neighbours(&reader, REQUEST_COUNT);
+		/* 64 times 3 blocks in pieces of 64 blocks, each of which takes 21 whole requests. */
+		assert_int_equal(fetch_in_flight(reader.fetch), 4);
+		reader_wait(&reader, REQUEST_COUNT);
+		for (uint32_t i = 0; i < REQUEST_COUNT; i++) {
+			assert_int_equal(reader.errors[i], 0);
+			assert_true(neighbour_is_right(&reader, i));
+		}
+		reader_done(&reader);
+	}
+}
+
+static void a_read_that_is_shared_survives_all_that_is_no_error(void **state)
+{
+	(void)state;
+	for (uint64_t seed = 0; seed < 20; seed++) {
+		struct reader reader;
+
+		assert_true(reader_init(&reader, FETCH_SIM,
+					(struct fetch_sim){ .seed = seed,
+							    .short_permille = 600,
+							    .interrupt_permille = 200,
+							    .delay_permille = 300,
+							    .reorder = 1 }));
+		start_neighbours(&reader, REQUEST_COUNT);
+		reader_wait(&reader, REQUEST_COUNT);
+		for (uint32_t i = 0; i < REQUEST_COUNT; i++) {
+			assert_int_equal(reader.errors[i], 0);
+			assert_true(neighbour_is_right(&reader, i));
+		}
+		reader_done(&reader);
+	}
+}
+
+static void who_shares_a_read_that_fails_is_read_again_alone(void **state)
+{
+	uint32_t failed = 0;
+
+	(void)state;
+	for (uint64_t seed = 0; seed < 20; seed++) {
+		struct reader reader;
+
+		assert_true(reader_init(&reader, FETCH_SIM,
+					(struct fetch_sim){ .seed = seed,
+							    .error_permille = 200,
+							    .short_permille = 300 }));
+		start_neighbours(&reader, REQUEST_COUNT);
+		reader_wait(&reader, REQUEST_COUNT);
+		for (uint32_t i = 0; i < REQUEST_COUNT; i++) {
+			assert_true(reader.errors[i] == 0 || reader.errors[i] == -EIO);
+			assert_true(reader.errors[i] < 0 || neighbour_is_right(&reader, i));
+			failed += reader.errors[i] < 0;
+		}
+		reader_done(&reader);
+	}
+	/* A fifth of the shared reads fails, then a fifth of those that were in them: not all. */
+	assert_in_range(failed, 1, 20 * REQUEST_COUNT / 6);
+}
+
+static void the_end_of_the_file_fails_only_who_asks_beyond_it(void **state)
+{
+	static const enum fetch_kind kinds[] = { FETCH_URING, FETCH_PREAD, FETCH_SIM };
+
+	(void)state;
+	for (size_t k = 0; k < ARRAY_LENGTH(kinds); k++) {
+		struct reader reader;
+
+		if (!reader_init(&reader, kinds[k], quiet))
+			continue;
+		reader_start(&reader, 0, 3 * MIB - 2 * STORE_BLOCK_BYTES, 2 * STORE_BLOCK_BYTES);
+		reader_start(&reader, 1, 3 * MIB, 1000);
+		reader_start(&reader, 2, 3 * MIB + STORE_BLOCK_BYTES, 1000);
+		assert_int_equal(fetch_in_flight(reader.fetch), 1);
+		reader_wait(&reader, 3);
+		assert_int_equal(reader.errors[0], 0);
+		assert_int_equal(reader.errors[1], 0);
+		assert_int_equal(reader.errors[2], -ENODATA);
+		reader_done(&reader);
+	}
+}
+
 static void a_device_that_never_gets_anywhere_ends_in_an_error(void **state)
 {
 	struct reader reader;
@@ -342,6 +461,10 @@ int main(void)
 			reads_are_right_through_short_reads_interrupts_delays_and_any_order),
 		cmocka_unit_test(reads_behind_a_slower_disk_are_right_and_no_earlier_than_its_own),
 		cmocka_unit_test(a_read_past_the_end_is_an_error_on_every_back_end),
+		cmocka_unit_test(requests_side_by_side_in_the_file_share_a_read),
+		cmocka_unit_test(a_read_that_is_shared_survives_all_that_is_no_error),
+		cmocka_unit_test(who_shares_a_read_that_fails_is_read_again_alone),
+		cmocka_unit_test(the_end_of_the_file_fails_only_who_asks_beyond_it),
 		cmocka_unit_test(a_device_that_never_gets_anywhere_ends_in_an_error),
 		cmocka_unit_test(one_failed_piece_fails_its_request_and_no_other),
 		cmocka_unit_test(requests_beyond_the_table_are_refused),
