@@ -334,7 +334,11 @@ int fills_start(struct fills *fills, struct served *served, uint32_t index, uint
 	list_remove(&fill->link);
 	fills->count++;
 	fill->generation++;
-	fill->job = (struct worker_job){ .run = verify_run, .done = verify_done };
+	fill->job = (struct worker_job){
+		.is_short = record->codec == STORE_CODEC_NONE,
+		.run = verify_run,
+		.done = verify_done,
+	};
 	list_init(&fill->job.link);
 	fill->fills = fills;
 	fill->served = served;

@@ -290,6 +290,7 @@ static int on_reads(sd_event_source *source, int fd, uint32_t events, void *arg)
 	(void)fd;
 	(void)events;
 	fetch_dispatch(server->fetch);
+	workers_flush(server->workers);
 	workers_dispatch(server->workers);
 	if (!server->stopping)
 		queues_pump(&server->queues);
@@ -486,6 +487,7 @@ static void drain(struct server *server)
 			continue;
 		if (fds[0].revents)
 			fetch_dispatch(server->fetch);
+		workers_flush(server->workers);
 		if (fds[1].revents)
 			workers_dispatch(server->workers);
 	}

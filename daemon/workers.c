@@ -11,8 +11,12 @@
 #include <unistd.h>
 
 #include "daemon/limits.h"
+#include "formats/base/bytes.h"
 #include "formats/base/check.h"
 #include "formats/base/file.h"
+
+/** Short jobs that a worker takes at one time. */
+#define BATCH_COUNT_MAX 8u
 
 struct worker {
 	pthread_t thread;
@@ -22,16 +26,48 @@ struct worker {
 
 struct workers {
 	int event_fd;
-	uint32_t job_count; /* loop thread */
+	uint32_t job_count; /* loop thread, as the next two */
+	struct list gathered;
+	uint32_t gathered_count;
 	uint32_t worker_count;
 	struct worker worker[WORKER_COUNT_MAX];
 
 	pthread_mutex_t mutex; /* all below */
 	pthread_cond_t wake;
 	bool stop;
+	uint32_t idle_count; /* workers that wait */
 	struct list todo;
 	struct list done;
 };
+
+static struct worker_job *job_of(struct list *link)
+{
+	return LIST_ENTRY(link, struct worker_job, link);
+}
+
+/* Moves one job, or some short ones, that come next. */
+static void batch_take(struct list *todo, struct list *ret_batch)
+{
+	uint32_t count = 0;
+
+	list_init(ret_batch);
+	do {
+		struct list *link = todo->next;
+
+		list_remove(link);
+		list_push_back(ret_batch, link);
+		count++;
+	} while (count < BATCH_COUNT_MAX && job_of(ret_batch->next)->is_short &&
+		 !list_is_empty(todo) && job_of(todo->next)->is_short);
+}
+
+static void batch_move(struct list *from, struct list *to)
+{
+	LIST_FOR_EACH (link, from) {
+		list_remove(link);
+		list_push_back(to, link);
+	}
+}
 
 static void *worker_thread(void *arg)
 {
@@ -42,20 +78,22 @@ static void *worker_thread(void *arg)
 	(void)setpriority(PRIO_PROCESS, (id_t)gettid(), WORKER_NICE);
 	(void)pthread_mutex_lock(&workers->mutex);
 	for (;;) {
-		struct worker_job *job;
+		struct list batch;
 		bool first;
 
+		workers->idle_count++;
 		while (list_is_empty(&workers->todo) && !workers->stop)
 			(void)pthread_cond_wait(&workers->wake, &workers->mutex);
+		workers->idle_count--;
 		if (workers->stop)
 			break;
-		job = LIST_ENTRY(workers->todo.next, struct worker_job, link);
-		list_remove(&job->link);
+		batch_take(&workers->todo, &batch);
 		(void)pthread_mutex_unlock(&workers->mutex);
-		job->run(job, worker->scratch);
+		LIST_FOR_EACH (link, &batch)
+			job_of(link)->run(job_of(link), worker->scratch);
 		(void)pthread_mutex_lock(&workers->mutex);
 		first = list_is_empty(&workers->done);
-		list_push_back(&workers->done, &job->link);
+		batch_move(&batch, &workers->done);
 		if (first)
 			(void)eventfd_write(workers->event_fd, 1);
 	}
@@ -116,6 +154,7 @@ int workers_create(uint32_t count, struct workers **ret, struct why *why)
 		return why_errno(why, -ENOMEM, "workers");
 	(void)pthread_mutex_init(&workers->mutex, NULL);
 	(void)pthread_cond_init(&workers->wake, NULL);
+	list_init(&workers->gathered);
 	list_init(&workers->todo);
 	list_init(&workers->done);
 	workers->event_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
@@ -131,6 +170,13 @@ int workers_create(uint32_t count, struct workers **ret, struct why *why)
 	return 0;
 }
 
+/* Has so many workers begin.  Outside of the mutex, which they take first. */
+static void wake(struct workers *workers, uint32_t count)
+{
+	while (count-- > 0)
+		(void)pthread_cond_signal(&workers->wake);
+}
+
 static void add(struct workers *workers, struct worker_job *job, bool first)
 {
 	workers->job_count++;
@@ -139,18 +185,39 @@ static void add(struct workers *workers, struct worker_job *job, bool first)
 		list_push_front(&workers->todo, &job->link);
 	else
 		list_push_back(&workers->todo, &job->link);
-	(void)pthread_cond_signal(&workers->wake);
 	(void)pthread_mutex_unlock(&workers->mutex);
+	wake(workers, 1);
 }
 
 void workers_add(struct workers *workers, struct worker_job *job)
 {
-	add(workers, job, false);
+	if (!job->is_short) {
+		add(workers, job, false);
+		return;
+	}
+	workers->job_count++;
+	workers->gathered_count++;
+	list_push_back(&workers->gathered, &job->link);
 }
 
 void workers_add_first(struct workers *workers, struct worker_job *job)
 {
 	add(workers, job, true);
+}
+
+void workers_flush(struct workers *workers)
+{
+	uint32_t batch_count = (workers->gathered_count + BATCH_COUNT_MAX - 1) / BATCH_COUNT_MAX;
+
+	if (batch_count == 0)
+		return;
+	workers->gathered_count = 0;
+	(void)pthread_mutex_lock(&workers->mutex);
+	batch_move(&workers->gathered, &workers->todo);
+	/* Who works looks for more before it waits. */
+	batch_count = (uint32_t)u64_min(batch_count, workers->idle_count);
+	(void)pthread_mutex_unlock(&workers->mutex);
+	wake(workers, batch_count);
 }
 
 uint32_t workers_job_count(const struct workers *workers)
@@ -171,10 +238,7 @@ void workers_dispatch(struct workers *workers)
 	list_init(&done);
 	(void)pthread_mutex_lock(&workers->mutex);
 	(void)eventfd_read(workers->event_fd, &ignored);
-	LIST_FOR_EACH (link, &workers->done) {
-		list_remove(link);
-		list_push_back(&done, link);
-	}
+	batch_move(&workers->done, &done);
 	(void)pthread_mutex_unlock(&workers->mutex);
 
 	LIST_FOR_EACH (link, &done) {

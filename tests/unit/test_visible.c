@@ -128,7 +128,7 @@ static int setup_coded(void **state)
 
 static int setup_failing(void **state)
 {
-	return setup_with(state, (struct fetch_sim){ .seed = 2, .error_permille = 150 }, &plain);
+	return setup_with(state, (struct fetch_sim){ .seed = 2, .error_permille = 500 }, &plain);
 }
 
 static int setup_corrupting(void **state)
@@ -176,6 +176,7 @@ static void run_once(struct fixture *fixture)
 	assert_true(poll(fds, 2, 20000) > 0);
 	if (fds[0].revents)
 		fetch_dispatch(fixture->fetch);
+	workers_flush(fixture->workers);
 	if (fds[1].revents)
 		workers_dispatch(fixture->workers);
 }
