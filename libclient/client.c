@@ -27,7 +27,7 @@ static struct ooc_client *client_destroy(struct ooc_client *client)
 	for (size_t i = 0; client->daemon_options[i]; i++)
 		free(client->daemon_options[i]);
 	free(client->set.entries);
-	free(client->status.text);
+	free(client->answer.text);
 	free(client);
 	return NULL;
 }
@@ -194,51 +194,6 @@ int ooc_wait(struct ooc_client *client, int timeout_ms)
 	}
 	client->waiting = false;
 	return r;
-}
-
-int ooc_status(struct ooc_client *client, char **ret)
-{
-	struct wire_status message = { .what = WIRE_STATUS_ALL };
-	struct status_answer *status = &client->status;
-	uint64_t deadline_ns = clock_now_ns() + STATUS_TIMEOUT_NS;
-	bool asked = false;
-	int r = 0;
-
-	if (client->state != SESSION_LIVE)
-		return why_set(&client->why, -ENOTCONN, "the daemon is away");
-	wire_header_init(&message.header, WIRE_STATUS, sizeof(message));
-	free(status->text);
-	*status = (struct status_answer){
-		.wanted = true,
-		.abandoned_count = status->abandoned_count,
-	};
-	for (;;) {
-		if (!asked) {
-			r = session_send(client, &message, sizeof(message), NULL, 0);
-			if (r < 0 && r != -EAGAIN)
-				break;
-			asked = r == 0;
-		}
-		session_pause(client, deadline_ns);
-		r = session_run(client);
-		if (status->done) {
-			r = status->error;
-			break;
-		}
-		if (r < 0)
-			break;
-		if (clock_now_ns() >= deadline_ns) {
-			r = why_set(&client->why, -ETIMEDOUT, "the daemon does not say its status");
-			status->abandoned_count += asked;
-			break;
-		}
-	}
-	status->wanted = false;
-	if (r < 0)
-		return r;
-	*ret = status->text;
-	status->text = NULL;
-	return 0;
 }
 
 void ooc_counters(const struct ooc_client *client, struct ooc_counters *ret)

@@ -6,6 +6,7 @@
  *	client_session.c  the socket: connecting, greeting, messages taken and sent, loss
  *	client_store.c    opening and closing stores
  *	client_view.c     a store's shared memory: what is drawable, and where it is
+ *	client_question.c questions and orders to the daemon, and their answers
  *	client_set.c      sets: what is wanted, what was said, what is no longer drawn
  *
  * Life of a session; the client outlives any number of them:
@@ -34,12 +35,12 @@
 /** How long the daemon may take to greet, and to open a store, whose whole HS it may have to read. */
 #define GREETING_TIMEOUT_NS (5 * NS_PER_S)
 #define OPEN_TIMEOUT_NS     (60 * NS_PER_S)
-#define STATUS_TIMEOUT_NS   (10 * NS_PER_S)
+#define ANSWER_TIMEOUT_NS   (10 * NS_PER_S)
 /** Waits between attempts to reconnect, doubled from the first to the second. */
 #define RETRY_WAIT_MIN_NS (10 * NS_PER_MS)
 #define RETRY_WAIT_MAX_NS NS_PER_S
-/** Longer answers to STATUS are not believed. */
-#define STATUS_BYTES_MAX (16 * MIB)
+/** Longer texts are not believed. */
+#define ANSWER_BYTES_MAX (16 * MIB)
 /** Views of lost sessions that a store keeps mapped for threads that may still draw from them. */
 #define OLD_VIEW_COUNT_MAX 4u
 /** Sets sent that ooc_retire() can tell apart. */
@@ -126,13 +127,15 @@ struct set {
 	uint64_t sent_count;
 };
 
-/** The answer to STATUS, as it comes in. */
-struct status_answer {
+/** The answer to a STATUS or an ADMIN, as it comes in. */
+struct answer {
 	bool wanted;
 	bool done;
 	int error;
 	char *text;
 	size_t text_bytes;
+	struct ooc_node_info *nodes; /* where those of NODES go; NULL: a text is the answer */
+	uint32_t node_count;
 	unsigned abandoned_count; /* answers that nobody waits for any more */
 };
 
@@ -169,7 +172,7 @@ struct ooc_client {
 	bool notify;
 	bool waiting; /* inside ooc_wait() */
 	uint64_t segment_unique;
-	struct status_answer status;
+	struct answer answer;
 	struct ooc_counters counters;
 
 	_Alignas(8) uint8_t incoming[WIRE_MESSAGE_BYTES_MAX];
@@ -246,6 +249,16 @@ void view_release_old(struct ooc_store *store);
 
 int view_take_segment(struct ooc_store *store, const struct wire_segment *message, int fd);
 void view_take_segment_gone(struct ooc_store *store, uint32_t segment);
+
+/* ---- client_question.c ---- */
+
+/** The session is over. */
+void answer_lose(struct ooc_client *client);
+
+/** Take an answer in.  Returns: 0, or -EPROTO or -ENOMEM, which ends the session. */
+int answer_take_text(struct ooc_client *client, const struct wire_text *message);
+int answer_take_nodes(struct ooc_client *client, const struct wire_nodes *message);
+void answer_take_error(struct ooc_client *client, const struct wire_error *error);
 
 /* ---- client_set.c ---- */
 

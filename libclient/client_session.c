@@ -51,11 +51,7 @@ void session_lose(struct ooc_client *client)
 	client->state = SESSION_AWAY;
 	client->blocked = false;
 	retry_later(client);
-	if (client->status.wanted) {
-		client->status.done = true;
-		client->status.error = -ENOTCONN;
-	}
-	client->status.abandoned_count = 0;
+	answer_lose(client);
 	client->unanswered_opens = 0;
 	client->unsent_closes = 0;
 	/*
@@ -164,30 +160,6 @@ static int take_welcome(struct ooc_client *client, const struct wire_welcome *we
 	return 0;
 }
 
-static int take_text(struct ooc_client *client, const struct wire_text *message)
-{
-	struct status_answer *status = &client->status;
-	char *text;
-
-	if (status->abandoned_count > 0) {
-		status->abandoned_count -= message->last;
-		return 0;
-	}
-	if (!status->wanted || status->done)
-		return why_set(&client->why, -EPROTO, "the daemon sends a text unasked");
-	if (status->text_bytes + message->text_bytes > STATUS_BYTES_MAX)
-		return why_set(&client->why, -EPROTO, "the daemon's status does not end");
-	text = realloc(status->text, status->text_bytes + message->text_bytes + 1);
-	if (!text)
-		return why_set(&client->why, -ENOMEM, "no memory for the daemon's status");
-	memcpy(text + status->text_bytes, message->text, message->text_bytes);
-	status->text = text;
-	status->text_bytes += message->text_bytes;
-	text[status->text_bytes] = '\0';
-	status->done = message->last != 0;
-	return 0;
-}
-
 /* Returns: 0, or the error that ends the session. */
 static int take_error(struct ooc_client *client, const struct wire_error *error)
 {
@@ -199,12 +171,8 @@ static int take_error(struct ooc_client *client, const struct wire_error *error)
 		store_take_error(client, error);
 		return 0;
 	case WIRE_STATUS:
-		if (client->status.abandoned_count > 0) {
-			client->status.abandoned_count--;
-		} else if (client->status.wanted) {
-			client->status.done = true;
-			client->status.error = error->error;
-		}
+	case WIRE_ADMIN:
+		answer_take_error(client, error);
 		return 0;
 	case WIRE_HELLO:
 		if (error->error == -EPROTONOSUPPORT)
@@ -247,7 +215,9 @@ static int take_message(struct ooc_client *client, const void *message, const in
 		set_take_not_now(client, message);
 		return 0;
 	case WIRE_TEXT:
-		return take_text(client, message);
+		return answer_take_text(client, message);
+	case WIRE_NODES:
+		return answer_take_nodes(client, message);
 	case WIRE_ERROR:
 		return take_error(client, message);
 	case WIRE_EVENT:

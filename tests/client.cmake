@@ -15,7 +15,7 @@ oocd_test(test_protocol_text unit SOURCES unit/test_protocol_text.c LINK oocd_wi
 oocd_fuzz(fuzz_wire LINK oocd_wire)
 
 # The library's own sources, so that the linker can put faults between them and the system.
-set(client_sources client client_session client_set client_store client_view mapping starter wire)
+set(client_sources client client_question client_session client_set client_store client_view mapping starter wire)
 list(TRANSFORM client_sources PREPEND ${CMAKE_SOURCE_DIR}/libclient/)
 list(TRANSFORM client_sources APPEND .c)
 oocd_test(fault_client fault

@@ -269,6 +269,65 @@ OOC_API int ooc_prefetch(struct ooc_client *client, const struct ooc_want *wants
  */
 OOC_API int ooc_status(struct ooc_client *client, char **ret);
 
+/**
+ * The daemon's counters as OpenMetrics text: sums over all stores and clients (`oocctl metrics`).
+ *
+ * Returns and ownership: as ooc_status().
+ */
+OOC_API int ooc_metrics(struct ooc_client *client, char **ret);
+
+/** What an administrator (root, the daemon's user, its group of administrators) may order. */
+enum ooc_order {
+	OOC_EVICT = 1,  /* out of the cache, where nobody holds them */
+	OOC_PIN = 2,    /* into the cache, to stay there, within a share of it that is for that */
+	OOC_UNPIN = 3,  /* they may go again */
+	OOC_RELOAD = 4, /* the daemon reads its configuration anew */
+};
+
+/** Nodes that one order may name. */
+#define OOC_ORDER_NODE_COUNT_MAX 16378u
+
+/**
+ * Gives the daemon an order.
+ *
+ * store:  open; NULL for OOC_RELOAD, and for OOC_EVICT and OOC_UNPIN of all that is served.
+ * nodes:  node_count indices of nodes with payload; none: all of the store.
+ * ret:    what was done, as a JSON object.
+ *
+ * Returns: 0, -EACCES (not an administrator), -EINVAL (a store is missing or too much, or a node has
+ *	nothing to draw), -E2BIG (too many nodes), -ENOBUFS (more than may be pinned), -EOPNOTSUPP (there
+ *	is no configuration to read), -ENOTCONN, -ETIMEDOUT, -ENOMEM or another -errno of the daemon's.
+ *	Waits for the answer.
+ * Ownership: *ret is given back with free().
+ */
+OOC_API int ooc_steer(struct ooc_client *client, enum ooc_order order, struct ooc_store *store,
+		      const uint32_t *nodes, size_t node_count, char **ret);
+
+/** What the daemon knows of a node's payload, beyond ooc_node_state(). */
+struct ooc_node_info {
+	enum ooc_state state;
+	uint64_t
+		replaced; /* where nobody holds it: of two nodes the one with the smaller goes first; else 0 */
+	uint32_t holds; /* of clients; a pin counts as one */
+	uint32_t payer; /* session, as in the status, for which it was read; 0: none */
+	double age_s; /* since it came, or, OOC_STATE_ABSENT, since it was evicted; < 0: never there */
+	bool pinned;
+	bool unused_prefetch; /* a prefetch brought it and nobody has used it */
+};
+
+/** Nodes that ooc_inspect() tells of at one time. */
+#define OOC_INSPECT_COUNT_MAX 1024u
+
+/**
+ * Asks about the nodes first, first + 1, ... of a store.  For looking at the cache.
+ *
+ * ret:  OOC_INSPECT_COUNT_MAX.
+ *
+ * Returns: how many there are in ret, fewer only at the store's end; -ENOTCONN, -ETIMEDOUT or -errno.
+ *	Waits for the answer.
+ */
+OOC_API int ooc_inspect(struct ooc_store *store, uint32_t first, struct ooc_node_info *ret);
+
 /** What this client has caused and seen, since it connected. */
 struct ooc_counters {
 	uint64_t sets_sent;
