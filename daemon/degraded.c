@@ -64,6 +64,11 @@ static void tell_memory(const struct teller *teller)
 		     "clients cannot be accepted (%s): raise LimitNOFILE or `ulimit -n`, or give "
 		     "oocd more memory",
 		     strerror(-server->accept_error));
+	if (server->metrics.error < 0)
+		TELL(teller,
+		     "the file of metrics cannot be written (%s): see that oocd may write to the "
+		     "folder of metrics-file",
+		     strerror(-server->metrics.error));
 }
 
 static void tell_store(const struct teller *teller, const struct served *served)

@@ -34,6 +34,8 @@ struct fill {
 	uint32_t session;
 	uint32_t staging_page; /* NO_STAGING: read in place */
 	bool prefetch;
+	bool begun_as_prefetch;
+	uint64_t begun_ns;
 	uint8_t *source;
 	uint8_t *payload;
 	int error;
@@ -56,6 +58,7 @@ struct fills {
 	void *ended_arg;
 	struct staging staging;
 	uint64_t prefetch_bytes; /* in flight */
+	struct fill_times times;
 	uint32_t count;
 	struct list unused;
 	struct fill fills[FILL_COUNT_MAX];
@@ -196,6 +199,8 @@ static void fill_end(struct fill *fill, int error)
 		pages_give(fills->staging.pages, fill->staging_page);
 	if (fill->prefetch)
 		fills->prefetch_bytes -= fill->record->stored_bytes;
+	histogram_add(fill->begun_as_prefetch ? &fills->times.prefetch : &fills->times.fetch,
+		      clock_now_ns() - fill->begun_ns);
 	if (error < 0)
 		fill_log(fill);
 	fill->state = FILL_UNUSED;
@@ -347,6 +352,8 @@ int fills_start(struct fills *fills, struct served *served, uint32_t index, uint
 	fill->session = session;
 	fill->staging_page = staging_page;
 	fill->prefetch = prefetch;
+	fill->begun_as_prefetch = prefetch;
+	fill->begun_ns = clock_now_ns();
 	served->nodes[index].payer = session;
 	served->nodes[index].unused_prefetch = prefetch;
 	if (prefetch) {
@@ -383,6 +390,11 @@ bool fills_has_room(const struct fills *fills)
 bool fills_has_prefetch_room(const struct fills *fills)
 {
 	return fills_has_room(fills) && fills->prefetch_bytes < PREFETCH_FLIGHT_BYTES;
+}
+
+const struct fill_times *fills_times(const struct fills *fills)
+{
+	return &fills->times;
 }
 
 uint32_t fills_count(const struct fills *fills)

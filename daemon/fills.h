@@ -22,6 +22,7 @@
 #include "daemon/cache.h"
 #include "daemon/fetch.h"
 #include "daemon/workers.h"
+#include "formats/base/histogram.h"
 
 struct fills;
 
@@ -70,6 +71,14 @@ void fills_upgrade(struct fills *fills, const struct served *served, uint32_t in
 bool fills_has_room(const struct fills *fills);
 /** And may it be a prefetch? */
 bool fills_has_prefetch_room(const struct fills *fills);
+
+/** How long fills took, from their begin to the verified payload, by what they were begun as. */
+struct fill_times {
+	struct histogram fetch;
+	struct histogram prefetch;
+};
+
+const struct fill_times *fills_times(const struct fills *fills);
 
 /** Fills under way. */
 uint32_t fills_count(const struct fills *fills);

@@ -69,6 +69,9 @@
 /** Tenths of a second after an eviction in which a fetch of the node regrets it. */
 #define REGRET_DS 100u
 
+/** Between two writes of the file of metrics. */
+#define METRICS_SECONDS 10u
+
 /** Lines about one store's failing nodes; what comes after is only counted. */
 #define STORE_LOG_LINES_MAX 20u
 

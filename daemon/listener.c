@@ -81,7 +81,7 @@ static int take_lock(struct listener *listener, struct why *why)
 }
 
 /* With the lock held, a socket file is old unless a program without our lock listens there. */
-static int remove_old_socket(const struct sockaddr_un *address, struct why *why)
+static int remove_old_socket(const struct sockaddr_un *address, int kind, struct why *why)
 {
 	struct stat status;
 	int probe_fd;
@@ -92,7 +92,7 @@ static int remove_old_socket(const struct sockaddr_un *address, struct why *why)
 	if (!S_ISSOCK(status.st_mode))
 		return why_set(why, -EEXIST, "%s: exists and is no socket: choose another --socket",
 			       address->sun_path);
-	probe_fd = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+	probe_fd = socket(AF_UNIX, kind | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
 	if (probe_fd < 0)
 		return why_errno(why, -errno, "a socket");
 	r = connect(probe_fd, (const struct sockaddr *)address, sizeof(*address)) < 0 ? -errno : 0;
@@ -105,10 +105,10 @@ static int remove_old_socket(const struct sockaddr_un *address, struct why *why)
 	return 0;
 }
 
-static int bind_and_listen(struct listener *listener, const struct sockaddr_un *address,
+static int bind_and_listen(struct listener *listener, const struct sockaddr_un *address, int kind,
 			   struct why *why)
 {
-	listener->fd = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+	listener->fd = socket(AF_UNIX, kind | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
 	if (listener->fd < 0)
 		return why_errno(why, -errno, "a socket");
 	if (bind(listener->fd, (const struct sockaddr *)address, sizeof(*address)) < 0)
@@ -122,7 +122,7 @@ static int bind_and_listen(struct listener *listener, const struct sockaddr_un *
 	return 0;
 }
 
-int listener_open(const char *path, struct listener *ret, struct why *why)
+int listener_open(const char *path, int kind, struct listener *ret, struct why *why)
 {
 	struct sockaddr_un address = { .sun_family = AF_UNIX };
 	struct listener listener = LISTENER_NONE;
@@ -139,9 +139,9 @@ int listener_open(const char *path, struct listener *ret, struct why *why)
 	r = take_lock(&listener, why);
 	if (r < 0)
 		return r;
-	r = remove_old_socket(&address, why);
+	r = remove_old_socket(&address, kind, why);
 	if (r == 0)
-		r = bind_and_listen(&listener, &address, why);
+		r = bind_and_listen(&listener, &address, kind, why);
 	if (r < 0) {
 		/* The socket, if there is one, is somebody else's. */
 		listener.fd = fd_close(listener.fd);

@@ -24,10 +24,12 @@ struct listener {
 /**
  * Listens on a path; its folder is made where it is missing.
  *
+ * kind:  SOCK_SEQPACKET or SOCK_STREAM.
+ *
  * Returns: 0, -EADDRINUSE (another daemon or program listens there), -ENAMETOOLONG, -EPERM (the
  *	folder belongs to somebody else) or -errno.
  */
-int listener_open(const char *path, struct listener *ret, struct why *why);
+int listener_open(const char *path, int kind, struct listener *ret, struct why *why);
 
 /** Takes over a socket that somebody else has bound and listens on, who also removes it. */
 int listener_adopt(int fd, struct listener *ret, struct why *why);

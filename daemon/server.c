@@ -105,6 +105,7 @@ static int on_tick(sd_event_source *source, uint64_t now_us, void *arg)
 		session_tick(LIST_ENTRY(link, struct session, link), now_ns);
 	if (!server->stopping) {
 		server_close_idle(server, now_ns);
+		server_metrics_tick(server, now_ns);
 		cache_trim(&server->cache, now_ns, SEGMENT_IDLE_NS);
 		tick_idle(server, now_ns);
 		/* It may have been switched off for want of descriptors. */
@@ -131,8 +132,11 @@ static int call_answer(void *arg, struct session *session, const struct wire_hea
 	if (question->type == WIRE_ADMIN)
 		return server_admin(server, session, (const struct wire_admin *)question, ret_text,
 				    why);
-	*ret_text = server_status(server, session);
-	return *ret_text ? 0 : why_errno(why, -ENOMEM, "the status");
+	if (((const struct wire_status *)question)->what == WIRE_STATUS_METRICS)
+		*ret_text = server_metrics(server);
+	else
+		*ret_text = server_status(server, session);
+	return *ret_text ? 0 : why_errno(why, -ENOMEM, "the answer");
 }
 
 static void call_active(void *arg)
@@ -435,14 +439,16 @@ int server_create(const struct server_config *config, struct server **ret, struc
 	}
 	server->config = *config;
 	server->listener = LISTENER_NONE;
+	server->metrics.listener = LISTENER_NONE;
 	server->epoch = make_epoch();
 	server->start_ns = clock_now_ns();
 	server->next_number = 1;
 	accounts_init(&server->accounts, config->policies, config->policy_count);
 	list_init(&server->sessions);
 	list_init(&server->cache.stores);
-	r = config->socket_path ? listener_open(config->socket_path, &server->listener, why)
-				: listener_adopt(config->socket_fd, &server->listener, why);
+	r = config->socket_path
+		    ? listener_open(config->socket_path, SOCK_SEQPACKET, &server->listener, why)
+		    : listener_adopt(config->socket_fd, &server->listener, why);
 	if (r < 0)
 		goto err_destroy;
 	r = sd_event_new(&server->event);
@@ -458,6 +464,9 @@ int server_create(const struct server_config *config, struct server **ret, struc
 		(void)why_errno(why, r, "the event loop");
 		goto err_destroy;
 	}
+	r = server_metrics_start(server, why);
+	if (r < 0)
+		goto err_destroy;
 	*ret = server;
 	return 0;
 
@@ -503,6 +512,7 @@ struct server *server_destroy(struct server *server)
 		end_session(LIST_ENTRY(link, struct session, link));
 	}
 	accounts_done(&server->accounts);
+	server_metrics_stop(server);
 	residents_done(&server->residents);
 	server->workers = workers_destroy(server->workers);
 	server->fetch = fetch_destroy(server->fetch);

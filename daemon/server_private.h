@@ -27,6 +27,15 @@ enum session_end {
 	SESSION_END_COUNT_
 };
 
+/** Where metrics go by themselves. */
+struct metrics {
+	struct listener listener;
+	sd_event_source *source;
+	uint64_t next_ns; /* when the file is written */
+	bool writing;     /* a worker does */
+	int error;        /* of the last time, or 0 */
+};
+
 struct server {
 	struct server_config config;
 	struct listener listener;
@@ -48,6 +57,7 @@ struct server {
 	struct residents residents;
 	struct store_counters closed_counters; /* of stores that are served no longer */
 
+	struct metrics metrics;
 	struct accounts accounts;
 	struct list sessions;
 	uint32_t session_count;
@@ -106,6 +116,16 @@ typedef void (*degraded_fn)(void *arg, const char *sentence);
 void server_degraded(const struct server *server,
 		     bool (*sees)(const void *arg, const struct served *served), degraded_fn tell,
 		     void *arg);
+
+/* ---- metrics.c ---- */
+
+/** As OpenMetrics text.  Ownership: free().  NULL: no memory. */
+char *server_metrics(const struct server *server);
+/** Opens the socket for them, if there shall be one.  Returns: 0 or -errno. */
+int server_metrics_start(struct server *server, struct why *why);
+void server_metrics_stop(struct server *server);
+/** Once a while: has the file written. */
+void server_metrics_tick(struct server *server, uint64_t now_ns);
 
 /* ---- status.c ---- */
 

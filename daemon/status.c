@@ -280,6 +280,26 @@ static void write_ends(FILE *out, const struct server *server)
 	fputc('}', out);
 }
 
+/* Upper bounds of the buckets in which median and 99th percentile lie. */
+static void write_time(FILE *out, const char *key, const struct histogram *histogram)
+{
+	fprintf(out, "\"%s\":{\"count\":%llu,\"p50_us\":%.0f,\"p99_us\":%.0f}", key,
+		(unsigned long long)histogram->count,
+		(double)histogram_quantile_ns(histogram, 0.5) / (double)NS_PER_US,
+		(double)histogram_quantile_ns(histogram, 0.99) / (double)NS_PER_US);
+}
+
+static void write_times(FILE *out, const struct server *server)
+{
+	const struct fill_times *times = fills_times(server->fills);
+
+	fputs(",\"fill_times\":{", out);
+	write_time(out, "fetch", &times->fetch);
+	fputc(',', out);
+	write_time(out, "prefetch", &times->prefetch);
+	fputc('}', out);
+}
+
 static void write_status(struct view *view)
 {
 	struct server *server = view->server;
@@ -312,7 +332,9 @@ static void write_status(struct view *view)
 	fprintf(out, ",\"totals\":{\"device_read_bytes\":%llu",
 		(unsigned long long)fetch_read_bytes(server->fetch));
 	write_counters(out, &sum);
-	fputs("},\"degraded\":[", out);
+	fputc('}', out);
+	write_times(out, server);
+	fputs(",\"degraded\":[", out);
 	server_degraded(server, sees_store, write_sentence, view);
 	fputs("]}\n", out);
 }
