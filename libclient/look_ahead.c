@@ -264,6 +264,7 @@ int look_ahead_send(struct look_ahead *look_ahead, struct ooc_client *client,
 	count = take(look_ahead, budget, ret);
 	(void)pthread_mutex_unlock(&look_ahead->mutex);
 	ret->requests = (uint32_t)count;
+	ret->wants = look_ahead->sent;
 	/* Nothing once more: there is nothing to replace. */
 	if (count == 0 && look_ahead->sent_count == 0)
 		return 0;

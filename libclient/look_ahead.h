@@ -73,6 +73,7 @@ struct look_ahead_budget {
 struct look_ahead_report {
 	uint32_t requests;
 	uint64_t bytes;
+	const struct ooc_want *wants; /* they; the look-ahead's, until the next report */
 	double reach_s; /* how far ahead everything is there or asked for; 0: not known */
 };
 

@@ -7,3 +7,4 @@ oocd_test(test_oocgen integration
 	SOURCES integration/test_oocgen.c LINK oocd_gen oocd_test_helper TIMEOUT 120)
 add_dependencies(test_oocgen oocgen)
 oocd_test(test_flip unit SOURCES unit/test_flip.c LINK oocd_bench oocd_test_helper)
+oocd_test(test_plot unit SOURCES unit/test_plot.c LINK oocd_bench oocd_test_helper)

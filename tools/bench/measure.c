@@ -18,6 +18,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "formats/base/bytes.h"
+#include "formats/base/check.h"
 #include "formats/base/clock.h"
 #include "formats/base/file.h"
 #include "formats/base/text.h"
@@ -238,28 +240,25 @@ static bool answers(const char *socket_path)
 	return connect(fd, (const struct sockaddr *)&address, sizeof(address)) == 0;
 }
 
-int measure_daemon_start(const char *scratch, uint64_t cache_bytes, unsigned queue_depth,
-			 struct measure_daemon *ret, struct why *why)
+int measure_daemon_start_with(const char *scratch, const char *const *options,
+			      struct measure_daemon *ret, struct why *why)
 {
 	char program[PATH_MAX];
-	char cache[32];
-	char depth[16];
-	const char *argv[] = { program,        "--socket", ret->socket_path,
-			       "--cache-size", cache,      "--queue-depth",
-			       depth,          NULL };
+	const char *argv[MEASURE_DAEMON_OPTION_COUNT_MAX + 4] = { program, "--socket",
+								  ret->socket_path };
 	uint64_t deadline_ns = clock_now_ns() + DAEMON_START_NS;
+	size_t count = 3;
 	int r;
 
 	measure_program("oocd", program);
-	(void)snprintf(cache, sizeof(cache), "%llu", (unsigned long long)cache_bytes);
-	(void)snprintf(depth, sizeof(depth), "%u", queue_depth);
 	if (snprintf(ret->socket_path, sizeof(ret->socket_path), "%s/oocd.sock", scratch) >=
 	    (int)sizeof(((struct sockaddr_un *)NULL)->sun_path))
 		return why_set(why, -ENAMETOOLONG, "%s: too long a folder for a socket; set TMPDIR",
 			       scratch);
-	/* Without a depth of our own its default is what we want. */
-	if (queue_depth == 0)
-		argv[5] = NULL;
+	for (; *options; options++) {
+		CHECK(count < ARRAY_LENGTH(argv) - 1);
+		argv[count++] = *options;
+	}
 	r = measure_start(argv, &ret->child, why);
 	while (r == 0 && !answers(ret->socket_path)) {
 		static const struct timespec pause = { .tv_nsec = 2 * (long)NS_PER_MS };
@@ -277,6 +276,21 @@ int measure_daemon_start(const char *scratch, uint64_t cache_bytes, unsigned que
 			measure_stop(&ret->child);
 	}
 	return r;
+}
+
+int measure_daemon_start(const char *scratch, uint64_t cache_bytes, unsigned queue_depth,
+			 struct measure_daemon *ret, struct why *why)
+{
+	char cache[32];
+	char depth[16];
+	const char *options[] = { "--cache-size", cache, "--queue-depth", depth, NULL };
+
+	(void)snprintf(cache, sizeof(cache), "%llu", (unsigned long long)cache_bytes);
+	(void)snprintf(depth, sizeof(depth), "%u", queue_depth);
+	/* Without a depth of our own its default is what we want. */
+	if (queue_depth == 0)
+		options[2] = NULL;
+	return measure_daemon_start_with(scratch, options, ret, why);
 }
 
 void measure_daemon_stop(struct measure_daemon *daemon)

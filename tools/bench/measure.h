@@ -78,7 +78,19 @@ struct measure_daemon {
 	char socket_path[PATH_MAX];
 };
 
-/** Starts it and waits until it answers.  Returns: 0, -ETIMEDOUT or what starting said. */
+#define MEASURE_DAEMON_OPTION_COUNT_MAX 24u
+
+/**
+ * Starts it and waits until it answers.
+ *
+ * options:  its command line but for --socket, NULL-terminated; at most
+ *           MEASURE_DAEMON_OPTION_COUNT_MAX.
+ *
+ * Returns: 0, -ETIMEDOUT or what starting said.
+ */
+int measure_daemon_start_with(const char *scratch, const char *const *options,
+			      struct measure_daemon *ret, struct why *why);
+/** queue_depth:  0: the daemon's own. */
 int measure_daemon_start(const char *scratch, uint64_t cache_bytes, unsigned queue_depth,
 			 struct measure_daemon *ret, struct why *why);
 void measure_daemon_stop(struct measure_daemon *daemon);
