@@ -37,8 +37,13 @@ static uint32_t pages_of(const struct visible *visible, const struct want *want)
 /* ---- grants and holds ---- */
 
 /*
- * Grants are relaxed: a client believes them only after it has read `acknowledged`, which is written
- * with release after them (visible_take), or keeps believing what it has held all along.
+ * A grant says that the node is READY and stays so: it is set when there is a hold and the bytes are
+ * there, both.  (Were it set with the hold of a BUSY node, a client could read it, the fill fail and
+ * the hold go, another session bring the node in, and the client read READY then.)
+ *
+ * Clearing is relaxed: a client believes a grant only after it has read `acknowledged`, which is
+ * written with release after them (visible_take).  Setting comes after the fence of the node's word
+ * (node_set_state), so that whoever reads the grant also reads that word, or a newer one.
  */
 static void grant_set(struct visible *visible, const struct want *want, bool granted)
 {
@@ -59,7 +64,6 @@ static void hold(struct visible *visible, struct want *want)
 	want->holding = true;
 	visible->held_count++;
 	visible->held_pages += pages_of(visible, want);
-	grant_set(visible, want, true);
 	if (node_of(visible, want)->state == NODE_BUSY)
 		fills_upgrade(visible->fills, served_of(visible, want), want->node);
 }
@@ -189,13 +193,11 @@ static void admit_one(struct visible *visible, struct want *want)
 {
 	struct node *node = node_of(visible, want);
 
-	if (want->holding) {
-		if (want->revoked)
-			grant_set(visible, want, true);
-		set_revoked(visible, want, false);
-	} else if (node->state != NODE_ABSENT) {
+	set_revoked(visible, want, false);
+	if (!want->holding && node->state != NODE_ABSENT)
 		hold(visible, want);
-	}
+	if (node->state == NODE_HELD)
+		grant_set(visible, want, true);
 	if (node->state == NODE_ABSENT) {
 		uint32_t index = (uint32_t)(want - visible->wants);
 
@@ -735,7 +737,7 @@ static void want_check(const struct visible *visible, uint32_t index)
 
 	CHECK(visible->attachments[want->slot]->want_of_node[want->node] == index + 1);
 	CHECK((want->state == WANT_RETAINED) == (index >= visible->count));
-	CHECK(granted == (want->holding && !want->revoked));
+	CHECK(!granted || (want->holding && !want->revoked && state == NODE_HELD));
 	CHECK(want->holding || !want->revoked);
 	CHECK(want->missed == (want->state == WANT_QUEUED));
 	switch (want->state) {
@@ -743,7 +745,7 @@ static void want_check(const struct visible *visible, uint32_t index)
 		CHECK(!want->holding && index >= visible->next_queued);
 		break;
 	case WANT_WAITING:
-		CHECK(granted && state == NODE_BUSY);
+		CHECK(want->holding && !want->revoked && state == NODE_BUSY);
 		break;
 	case WANT_DRAWABLE:
 		CHECK(granted && state == NODE_HELD);

@@ -5,11 +5,11 @@
  * A set replaces the set before it.  Its wants are in the client's order, most important first:
  *
  *	QUEUED     absent; a fetch will be begun when its turn comes.  No hold.
- *	WAITING    the node is BUSY.  Hold and grant.
+ *	WAITING    the node is BUSY.  Hold; no grant before it is there.
  *	DRAWABLE   the node is HELD.  Hold and grant.
  *	REFUSED    "not now", with a reason.  No grant, and no hold unless it is revoked (below).
  *	RETAINED   an older set had it and the newest one has not, but the client may still draw it.
- *	           Hold and grant, until it is retired.
+ *	           Hold, and grant if it had one, until it is retired.
  *
  *	from                to         when
  *	(new)               any but RETAINED   visible_take: by the node's state and the room

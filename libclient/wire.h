@@ -350,7 +350,7 @@ static inline uint64_t wire_word_fill_count(uint64_t word)
 }
 
 /**
- * One a session and store: bit n of words[n / 64] says that the session's hold on node n counts.
+ * One a session and store: bit n of words[n / 64] says that the session holds node n, which is READY.
  */
 struct wire_grants {
 	_Atomic uint64_t epoch; /* 0 before the holds of a session that is over are given back */

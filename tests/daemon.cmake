@@ -26,3 +26,12 @@ oocd_test(test_torn stress SOURCES stress/test_torn.c LINK oocd_daemon_kit)
 oocd_test(test_daemon_calls fault SOURCES fault/test_daemon_calls.c LINK oocd_core oocd_test_helper)
 target_link_options(test_daemon_calls PRIVATE
 	-Wl,--wrap=calloc,--wrap=memfd_create,--wrap=fallocate64,--wrap=mmap64,--wrap=fchmod)
+
+# All interleavings of a small world.  Everything that it allocates lies in a region of its own.
+oocd_test(test_interleavings model
+	SOURCES model/test_interleavings.c model/small_world.c model/region.c
+	LINK oocd_core oocd_test_helper SINGLE_THREADED)
+target_link_options(test_interleavings PRIVATE
+	-Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc,--wrap=free
+	-Wl,--wrap=memfile_create,--wrap=memfile_publish,--wrap=memfile_done
+	-Wl,--wrap=cache_release,--wrap=arena_give)
