@@ -37,15 +37,13 @@ void arena_done(struct arena *arena)
 	}
 }
 
-int arena_add(struct arena *arena, struct memfile *memfile, struct segment **ret)
+static int add_segment(struct arena *arena, struct memfile *memfile, uint32_t number,
+		       struct segment **ret)
 {
-	struct segment *segment;
+	struct segment *segment = calloc(1, sizeof(*segment));
 	int r;
 
 	CHECK(memfile->bytes == arena->segment_bytes);
-	if (arena->segment_count == WIRE_SEGMENT_COUNT_MAX)
-		return -EMFILE;
-	segment = calloc(1, sizeof(*segment));
 	if (!segment)
 		return -ENOMEM;
 	r = pages_create(segment_pages(arena), &segment->pages);
@@ -53,17 +51,41 @@ int arena_add(struct arena *arena, struct memfile *memfile, struct segment **ret
 		free(segment);
 		return r;
 	}
-	while (arena->by_number[arena->next_number])
-		arena->next_number = (arena->next_number + 1) % WIRE_SEGMENT_COUNT_MAX;
-	segment->number = arena->next_number;
+	segment->number = number;
 	segment->memfile = *memfile;
 	*memfile = MEMFILE_NONE;
-	arena->by_number[segment->number] = segment;
+	arena->by_number[number] = segment;
 	list_push_back(&arena->in_order, &segment->link);
-	arena->next_number = (arena->next_number + 1) % WIRE_SEGMENT_COUNT_MAX;
 	arena->segment_count++;
 	*ret = segment;
 	return 0;
+}
+
+int arena_add(struct arena *arena, struct memfile *memfile, struct segment **ret)
+{
+	int r;
+
+	if (arena->segment_count == WIRE_SEGMENT_COUNT_MAX)
+		return -EMFILE;
+	while (arena->by_number[arena->next_number])
+		arena->next_number = (arena->next_number + 1) % WIRE_SEGMENT_COUNT_MAX;
+	r = add_segment(arena, memfile, arena->next_number, ret);
+	if (r == 0)
+		arena->next_number = (arena->next_number + 1) % WIRE_SEGMENT_COUNT_MAX;
+	return r;
+}
+
+int arena_adopt(struct arena *arena, struct memfile *memfile, uint32_t number, struct segment **ret)
+{
+	int r;
+
+	CHECK(number < WIRE_SEGMENT_COUNT_MAX);
+	if (arena->by_number[number])
+		return -EEXIST;
+	r = add_segment(arena, memfile, number, ret);
+	if (r == 0 && number >= arena->next_number)
+		arena->next_number = (number + 1) % WIRE_SEGMENT_COUNT_MAX;
+	return r;
 }
 
 void arena_remove(struct arena *arena, uint32_t number)
@@ -95,6 +117,17 @@ int arena_take(struct arena *arena, uint32_t page_count, uint32_t owner, struct 
 		return 0;
 	}
 	return -ENOBUFS;
+}
+
+int arena_take_at(struct arena *arena, struct place place, uint32_t page_count, uint32_t owner)
+{
+	struct segment *segment = arena->by_number[place.segment];
+
+	if (!segment || pages_take_at(segment->pages, place.page, page_count, owner) < 0)
+		return -ENOBUFS;
+	segment->empty_since_ns = 0;
+	arena->used_pages += page_count;
+	return 0;
 }
 
 void arena_give(struct arena *arena, struct place place)

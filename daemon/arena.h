@@ -63,6 +63,14 @@ void arena_done(struct arena *arena);
  */
 int arena_add(struct arena *arena, struct memfile *memfile, struct segment **ret);
 
+/**
+ * The same with a number of its own: a predecessor's segment.
+ *
+ * Returns: 0, -EEXIST (the number is in use) or -ENOMEM.
+ */
+int arena_adopt(struct arena *arena, struct memfile *memfile, uint32_t number,
+		struct segment **ret);
+
 /** Removes an empty segment and gives its memory back, whoever maps it. */
 void arena_remove(struct arena *arena, uint32_t number);
 
@@ -70,6 +78,12 @@ void arena_remove(struct arena *arena, uint32_t number);
 
 /** Takes a place in the oldest segment that has one and is not draining.  Returns: 0 or -ENOBUFS. */
 int arena_take(struct arena *arena, uint32_t page_count, uint32_t owner, struct place *ret);
+/**
+ * Takes a place that a predecessor used; those of a segment in ascending order, before any other.
+ *
+ * Returns: 0, or -ENOBUFS when it is not free, or not there.
+ */
+int arena_take_at(struct arena *arena, struct place place, uint32_t page_count, uint32_t owner);
 void arena_give(struct arena *arena, struct place place);
 
 uint8_t *arena_address(const struct arena *arena, struct place place);

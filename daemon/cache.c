@@ -433,6 +433,34 @@ int cache_begin_fill(struct cache *cache, struct served *served, uint32_t index,
 	return 0;
 }
 
+int cache_adopt_segment(struct cache *cache, struct served *served, struct memfile *memfile,
+			uint32_t number, struct segment **ret)
+{
+	uint64_t bytes = served->arena.segment_bytes;
+	int r;
+
+	if (cache->segment_count == SEGMENT_COUNT_MAX ||
+	    cache->segment_bytes + bytes > cache->budget_bytes)
+		return -ENOBUFS;
+	r = arena_adopt(&served->arena, memfile, number, ret);
+	if (r < 0)
+		return r;
+	cache->segment_bytes += bytes;
+	cache->segment_count++;
+	return 0;
+}
+
+int cache_adopt_node(struct cache *cache, struct served *served, uint32_t index, struct place place)
+{
+	int r = arena_take_at(&served->arena, place, served_pages(served, index), index);
+
+	if (r < 0)
+		return r;
+	node_begin_fill(&served->nodes[index], word_of(served, index), place, NODE_TAKEOVER);
+	pin(cache, served, index);
+	return 0;
+}
+
 /* The node has become FREE: it is the one that was used last. */
 static void set_free(struct cache *cache, struct served *served, uint32_t index)
 {
@@ -440,6 +468,7 @@ static void set_free(struct cache *cache, struct served *served, uint32_t index)
 	struct segment *segment = segment_of(served, node);
 
 	unpin(cache, served, index);
+	ledger_note_held(&served->ledger, index, false);
 	node->last_use = ++cache->clock;
 	list_push_back(&served->lru, &node->link);
 	if (!segment->draining)
@@ -453,6 +482,9 @@ void cache_end_fill(struct cache *cache, struct served *served, uint32_t index)
 {
 	struct node *node = &served->nodes[index];
 
+	/* Who waits for it has its grant already, and draws as soon as the word says READY. */
+	if (node->hold_count > 0)
+		ledger_note_held(&served->ledger, index, true);
 	node_end_fill(node, word_of(served, index));
 	node->since_ds = clock_now_ds();
 	served->ready_count++;
@@ -490,6 +522,7 @@ void cache_hold(struct cache *cache, struct served *served, uint32_t index)
 	}
 	if (!was_free)
 		return;
+	ledger_note_held(&served->ledger, index, true);
 	list_remove(&node->link);
 	pin(cache, served, index);
 	served->held_pages += served_pages(served, index);

@@ -85,6 +85,22 @@ void cache_end_fill(struct cache *cache, struct served *served, uint32_t index);
 /** damaged: the bytes are wrong; else they could not be had.  Nobody may hold it. */
 void cache_fail_fill(struct cache *cache, struct served *served, uint32_t index, bool damaged);
 
+/**
+ * A predecessor's segment, under its number.
+ *
+ * Returns: 0, -ENOBUFS (the budget has no room for it), -EEXIST or -ENOMEM; the memory is then still
+ *	the caller's.
+ */
+int cache_adopt_segment(struct cache *cache, struct served *served, struct memfile *memfile,
+			uint32_t number, struct segment **ret);
+/**
+ * An ABSENT node becomes BUSY where a predecessor had it; see arena_take_at().
+ *
+ * Returns: 0 or -ENOBUFS.
+ */
+int cache_adopt_node(struct cache *cache, struct served *served, uint32_t index,
+		     struct place place);
+
 /** Holds of a BUSY, HELD or FREE node. */
 void cache_hold(struct cache *cache, struct served *served, uint32_t index);
 void cache_release(struct cache *cache, struct served *served, uint32_t index);

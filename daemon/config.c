@@ -21,6 +21,7 @@
 #define LINE_BYTES_MAX     4096u
 #define WORKER_COUNT_USUAL 2u
 #define IDLE_CLOSE_SECONDS 300u
+#define GRACE_MS           10000u
 #define USER_COUNT_MAX     1024u
 #define TEXT_COUNT_MAX     (SERVED_COUNT_MAX + 8u)
 #define WEIGHT_MAX         10000u
@@ -30,6 +31,7 @@ enum kind {
 	KIND_NUMBER32,
 	KIND_NUMBER64,
 	KIND_SIZE,
+	KIND_SECONDS, /* with decimals; stored as milliseconds */
 	KIND_PERCENT, /* stored as permille */
 	KIND_WORD,
 	KIND_PATH,
@@ -62,6 +64,7 @@ static const struct key server_keys[] = {
 	{ "disk", KIND_DISK, SERVER(disk), 0, 0 },
 	{ "idle-exit", KIND_NUMBER64, SERVER(idle_exit_s), 1, UINT32_MAX },
 	{ "idle-close", KIND_NUMBER64, SERVER(idle_close_s), 0, UINT32_MAX },
+	{ "grace", KIND_SECONDS, SERVER(grace_ms), 0, 3600 },
 	{ "admin-group", KIND_GROUP, SERVER(admin_gid), 0, 0 },
 	{ "replacement", KIND_WORD, SERVER(replacement), 0, 0 },
 	{ "trace", KIND_PATH, SERVER(trace_path), 0, 0 },
@@ -135,6 +138,19 @@ static int set_size(const struct key *key, const char *value, uint64_t *ret, str
 		return 0;
 	return why_set(why, -EINVAL, "not a size from %s to %s, as 512M or 4G",
 		       text_from_size(key->min, min), text_from_size(key->max, max));
+}
+
+static int set_seconds(const struct key *key, const char *value, uint64_t *ret_ms, struct why *why)
+{
+	double seconds;
+
+	if (text_to_double(value, &seconds) == 0 && seconds >= (double)key->min &&
+	    seconds <= (double)key->max) {
+		*ret_ms = (uint64_t)(seconds * 1000 + 0.5);
+		return 0;
+	}
+	return why_set(why, -EINVAL, "not seconds from %llu to %llu", (unsigned long long)key->min,
+		       (unsigned long long)key->max);
 }
 
 static int set_percent(const char *value, uint32_t *ret, struct why *why)
@@ -228,6 +244,9 @@ static int set_value(struct whole *whole, void *target, const struct key *key, c
 		break;
 	case KIND_SIZE:
 		r = set_size(key, value, place, why);
+		break;
+	case KIND_SECONDS:
+		r = set_seconds(key, value, place, why);
 		break;
 	case KIND_PERCENT:
 		r = set_percent(value, place, why);
@@ -460,6 +479,7 @@ static void set_usual(struct whole *whole)
 			       : processors > WORKER_COUNT_MAX ? WORKER_COUNT_MAX
 							       : (uint32_t)processors;
 	server->idle_close_s = IDLE_CLOSE_SECONDS;
+	server->grace_ms = GRACE_MS;
 }
 
 int config_load(const char *path, const struct config_option *options, size_t option_count,

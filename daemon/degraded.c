@@ -71,6 +71,14 @@ static void tell_memory(const struct teller *teller)
 		     strerror(-server->metrics.error));
 }
 
+static void tell_restart(const struct teller *teller)
+{
+	if (!handover_is_possible())
+		TELL(teller,
+		     "no descriptor store: after a restart the cache is cold: run oocd as its "
+		     "unit, with FileDescriptorStoreMax=");
+}
+
 static void tell_store(const struct teller *teller, const struct served *served)
 {
 	if (!served->direct)
@@ -118,6 +126,7 @@ void server_degraded(const struct server *server,
 
 	tell_reading(&teller);
 	tell_memory(&teller);
+	tell_restart(&teller);
 	LIST_FOR_EACH (link, &server->cache.stores) {
 		const struct served *served = LIST_ENTRY(link, struct served, link);
 

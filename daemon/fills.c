@@ -38,6 +38,7 @@ struct fill {
 	uint64_t begun_ns;
 	uint8_t *source;
 	uint8_t *payload;
+	uint64_t checksum; /* of the decoded payload; of one without codec, not taken */
 	int error;
 	struct why why;
 };
@@ -56,6 +57,8 @@ struct fills {
 	struct workers *workers;
 	fills_ended_fn ended;
 	void *ended_arg;
+	fills_wanted_fn wanted; /* NULL: no takeover */
+	void *wanted_arg;
 	struct staging staging;
 	uint64_t prefetch_bytes; /* in flight */
 	struct fill_times times;
@@ -112,6 +115,12 @@ struct fills *fills_destroy(struct fills *fills)
 void fills_set_fetch(struct fills *fills, struct fetch *fetch)
 {
 	fills->fetch = fetch;
+}
+
+void fills_set_takeover(struct fills *fills, fills_wanted_fn wanted, void *wanted_arg)
+{
+	fills->wanted = wanted;
+	fills->wanted_arg = wanted_arg;
 }
 
 static uint32_t stored_pages(const struct store_node *record)
@@ -238,6 +247,9 @@ static void verify_run(struct worker_job *job, struct codec_scratch *scratch)
 			payload_validate(fill->payload, record->payload_bytes, record, &fill->why);
 	if (fill->error < 0)
 		why_prefix(&fill->why, "damaged");
+	else if (record->codec != STORE_CODEC_NONE)
+		fill->checksum =
+			store_checksum(fill->payload, record->payload_bytes, record->payload_id);
 }
 
 static void verify_done(struct worker_job *job)
@@ -245,6 +257,8 @@ static void verify_done(struct worker_job *job)
 	struct fill *fill = LIST_ENTRY(job, struct fill, job);
 
 	CHECK(fill->state == FILL_VERIFYING);
+	if (fill->error == 0 && fill->record->codec != STORE_CODEC_NONE)
+		fill->served->ledger.checksums[fill->index] = fill->checksum;
 	fill_end(fill, fill->error);
 }
 
@@ -315,6 +329,30 @@ static bool is_regretted(const struct node *node)
 	return node->was_evicted && clock_now_ds() - node->since_ds < REGRET_DS;
 }
 
+/* The node is BUSY with this fill, whose room in the staging is taken. */
+static void fill_begin(struct fills *fills, struct fill *fill, struct served *served,
+		       uint32_t index, uint32_t staging_page)
+{
+	list_remove(&fill->link);
+	fills->count++;
+	fill->generation++;
+	fill->job = (struct worker_job){
+		.is_short = served->records[index].codec == STORE_CODEC_NONE,
+		.run = verify_run,
+		.done = verify_done,
+	};
+	list_init(&fill->job.link);
+	fill->fills = fills;
+	fill->served = served;
+	fill->record = &served->records[index];
+	fill->index = index;
+	fill->session = 0;
+	fill->prefetch = false;
+	fill->begun_as_prefetch = false;
+	fill->begun_ns = clock_now_ns();
+	fill->staging_page = staging_page;
+}
+
 int fills_start(struct fills *fills, struct served *served, uint32_t index, uint32_t session,
 		bool prefetch)
 {
@@ -336,24 +374,10 @@ int fills_start(struct fills *fills, struct served *served, uint32_t index, uint
 			pages_give(fills->staging.pages, staging_page);
 		return r;
 	}
-	list_remove(&fill->link);
-	fills->count++;
-	fill->generation++;
-	fill->job = (struct worker_job){
-		.is_short = record->codec == STORE_CODEC_NONE,
-		.run = verify_run,
-		.done = verify_done,
-	};
-	list_init(&fill->job.link);
-	fill->fills = fills;
-	fill->served = served;
-	fill->record = record;
-	fill->index = index;
+	fill_begin(fills, fill, served, index, staging_page);
 	fill->session = session;
-	fill->staging_page = staging_page;
 	fill->prefetch = prefetch;
 	fill->begun_as_prefetch = prefetch;
-	fill->begun_ns = clock_now_ns();
 	served->nodes[index].payer = session;
 	served->nodes[index].unused_prefetch = prefetch;
 	if (prefetch) {
@@ -367,12 +391,33 @@ int fills_start(struct fills *fills, struct served *served, uint32_t index, uint
 	return 0;
 }
 
+int fills_again(struct fills *fills, struct served *served, uint32_t index)
+{
+	struct fill *fill;
+	uint32_t staging_page;
+
+	CHECK(served->nodes[index].fill == NODE_TAKEOVER);
+	if (!fills_has_room(fills) ||
+	    staging_take(fills, &served->records[index], &staging_page) < 0)
+		return -EAGAIN;
+	fill = LIST_ENTRY(fills->unused.next, struct fill, link);
+	node_change_fill(&served->nodes[index], (uint32_t)(fill - fills->fills));
+	fill_begin(fills, fill, served, index, staging_page);
+	served->counters.fetches++;
+	fill_read(fills, fill);
+	return 0;
+}
+
 void fills_upgrade(struct fills *fills, const struct served *served, uint32_t index)
 {
 	const struct node *node = &served->nodes[index];
 	struct fill *fill;
 
 	CHECK(node->state == NODE_BUSY);
+	if (node->fill == NODE_TAKEOVER) {
+		fills->wanted(fills->wanted_arg, served, index);
+		return;
+	}
 	fill = &fills->fills[node->fill];
 	CHECK(fill->served == served && fill->index == index);
 	if (!fill->prefetch)

@@ -64,6 +64,17 @@ int fills_prepare(struct fills *fills, const struct served *served, struct why *
 int fills_start(struct fills *fills, struct served *served, uint32_t index, uint32_t session,
 		bool prefetch);
 
+/**
+ * Reads a BUSY node whose fill is NODE_TAKEOVER anew, into its place.
+ *
+ * Returns: 0 or -EAGAIN.
+ */
+int fills_again(struct fills *fills, struct served *served, uint32_t index);
+
+/** Told when a session waits for a node whose fill is NODE_TAKEOVER. */
+typedef void (*fills_wanted_fn)(void *arg, const struct served *served, uint32_t index);
+void fills_set_takeover(struct fills *fills, fills_wanted_fn wanted, void *wanted_arg);
+
 /** A BUSY node that was a prefetch is wanted now. */
 void fills_upgrade(struct fills *fills, const struct served *served, uint32_t index);
 

@@ -7,14 +7,15 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
-#include <sys/socket.h>
 #include <systemd/sd-daemon.h>
 
 #include "daemon/config.h"
+#include "daemon/handover.h"
 #include "daemon/limits.h"
 #include "daemon/memory.h"
 #include "daemon/server.h"
 #include "formats/base/bytes.h"
+#include "formats/base/file.h"
 #include "formats/base/log.h"
 #include "formats/base/text.h"
 #include "libclient/wire.h"
@@ -174,16 +175,6 @@ static int choose_cache_size(uint64_t asked_bytes, uint64_t *ret, struct why *wh
 	return 0;
 }
 
-/* The socket that the service manager holds for us, or -1. */
-static int handed_socket(void)
-{
-	if (sd_listen_fds(1) < 1)
-		return -1;
-	return sd_is_socket(SD_LISTEN_FDS_START, AF_UNIX, SOCK_SEQPACKET, 1) > 0
-		       ? SD_LISTEN_FDS_START
-		       : -1;
-}
-
 /* Each client and store takes some; as many as the administrator allows. */
 static void raise_descriptor_limit(void)
 {
@@ -200,9 +191,9 @@ static int choose_socket(struct arguments *arguments, struct server_config *conf
 {
 	const char *given = config->socket_path;
 
-	config->socket_fd = given ? -1 : handed_socket();
-	if (config->socket_fd >= 0)
+	if (config->socket_fd >= 0 && !given)
 		return 0;
+	config->socket_fd = fd_close(config->socket_fd);
 	if (wire_socket_path(given, arguments->socket_path, sizeof(arguments->socket_path)) < 0)
 		return why_set(why, -ENAMETOOLONG,
 			       "the path of the socket is too long: use --socket");
@@ -214,8 +205,11 @@ static int start(struct arguments *arguments, const struct config *config, struc
 		 struct why *why)
 {
 	struct server_config chosen = config->server;
+	struct list kept_stores;
 	int r;
 
+	handover_collect(&kept_stores, &chosen.socket_fd);
+	chosen.kept_stores = &kept_stores;
 	r = choose_cache_size(chosen.cache_bytes, &chosen.cache_bytes, why);
 	if (r == 0)
 		r = choose_socket(arguments, &chosen, why);

@@ -130,10 +130,20 @@ static int remap_read_only(struct memfile *memfile)
 	return 0;
 }
 
-int memfile_publish(struct memfile *memfile, enum memfile_content content, struct why *why)
+static int open_for_reading(struct memfile *memfile, struct why *why)
 {
 	char path[32];
 
+	(void)snprintf(path, sizeof(path), "/proc/self/fd/%d", memfile->fd);
+	memfile->read_fd = open(path, O_RDONLY | O_CLOEXEC);
+	if (memfile->read_fd < 0)
+		return why_errno(why, -errno,
+				 "opening shared memory for reading (is /proc mounted?)");
+	return 0;
+}
+
+int memfile_publish(struct memfile *memfile, enum memfile_content content, struct why *why)
+{
 	if (content == MEMFILE_FIXED) {
 		int r = remap_read_only(memfile);
 
@@ -144,12 +154,52 @@ int memfile_publish(struct memfile *memfile, enum memfile_content content, struc
 		return why_errno(why, -errno, "sealing shared memory");
 	if (fchmod(memfile->fd, 0400) < 0)
 		return why_errno(why, -errno, "protecting shared memory");
-	(void)snprintf(path, sizeof(path), "/proc/self/fd/%d", memfile->fd);
-	memfile->read_fd = open(path, O_RDONLY | O_CLOEXEC);
-	if (memfile->read_fd < 0)
-		return why_errno(why, -errno,
-				 "opening shared memory for reading (is /proc mounted?)");
+	return open_for_reading(memfile, why);
+}
+
+/* A hole would be filled by the first client that touches it, at its expense. */
+static int judge_adopted(int fd, uint64_t *ret_bytes, struct why *why)
+{
+	const int sealed = F_SEAL_GROW | F_SEAL_SHRINK | F_SEAL_SEAL;
+	struct stat status;
+	int seals = fcntl(fd, F_GET_SEALS);
+	int flags = fcntl(fd, F_GETFL);
+
+	if (seals < 0 || flags < 0 || fstat(fd, &status) < 0)
+		return why_errno(why, -errno, "kept memory");
+	if ((seals & sealed) != sealed || (seals & F_SEAL_WRITE) != 0 ||
+	    (flags & O_ACCMODE) != O_RDWR || status.st_size <= 0 ||
+	    status.st_size % MEMFILE_PAGE_BYTES != 0 ||
+	    (uint64_t)status.st_blocks * 512 < (uint64_t)status.st_size)
+		return why_set(why, -EUCLEAN, "kept memory is not as it was left");
+	*ret_bytes = (uint64_t)status.st_size;
 	return 0;
+}
+
+int memfile_adopt(int fd, struct memfile *ret, struct why *why)
+{
+	struct memfile memfile = { .fd = fd, .read_fd = -1 };
+	int r;
+
+	*ret = MEMFILE_NONE;
+	r = judge_adopted(fd, &memfile.bytes, why);
+	if (r < 0)
+		goto err_done;
+	memfile.base = map_aligned(fd, memfile.bytes);
+	if (memfile.base == MAP_FAILED) {
+		memfile.base = NULL;
+		r = why_errno(why, -errno, "mapping kept memory");
+		goto err_done;
+	}
+	r = open_for_reading(&memfile, why);
+	if (r < 0)
+		goto err_done;
+	*ret = memfile;
+	return 0;
+
+err_done:
+	memfile_done(&memfile);
+	return r;
 }
 
 void memfile_done(struct memfile *memfile)

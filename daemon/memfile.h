@@ -52,6 +52,16 @@ int memfile_create(const char *name, uint64_t bytes, bool huge, struct memfile *
 /** Seals it and opens read_fd.  Returns: 0 or -errno; still to be ended by memfile_done(). */
 int memfile_publish(struct memfile *memfile, enum memfile_content content, struct why *why);
 
+/**
+ * Takes over one that a predecessor of this process has published for changing, and maps it.
+ *
+ * fd:  open for reading and writing; taken over, whatever happens.
+ *
+ * Returns: 0, -EUCLEAN (it is none, can be resized, or has holes), -EACCES (it is another user's) or
+ *	-errno; *ret is MEMFILE_NONE then.  huge_bytes is 0: the kernel does not tell.
+ */
+int memfile_adopt(int fd, struct memfile *ret, struct why *why);
+
 /** Closes it.  Clients that map it keep it as it is. */
 void memfile_done(struct memfile *memfile);
 

@@ -112,6 +112,14 @@ void node_begin_fill(struct node *node, _Atomic uint64_t *word, struct place pla
 	node_set_state(node, word, NODE_BUSY);
 }
 
+void node_change_fill(struct node *node, uint32_t fill)
+{
+	CHECK(node->state == NODE_BUSY);
+	CHECK(fill != NODE_NO_FILL);
+	node->fill = fill;
+	node_check(node);
+}
+
 void node_end_fill(struct node *node, _Atomic uint64_t *word)
 {
 	CHECK(node->state == NODE_BUSY);

@@ -54,7 +54,7 @@ enum node_state {
 	 * It has a place, and kernel or workers write there.  One fill brings it in, however many
 	 * sessions wait; each of them has a hold.  Without holds it is a prefetch, or nobody wants
 	 * it any longer: it comes all the same, a submitted read cannot be called back.  On no list.
-	 * * fill is the fill's index.
+	 * * fill is the fill's index, or NODE_TAKEOVER.
 	 */
 	NODE_BUSY,
 
@@ -81,6 +81,8 @@ enum node_state {
 };
 
 #define NODE_NO_FILL UINT32_MAX
+/** In place of a fill's index: a predecessor's bytes lie there and are being verified (takeover.h). */
+#define NODE_TAKEOVER (UINT32_MAX - 1)
 
 /** Does an administrator want the node to stay in the cache?  See residents.h. */
 enum residence {
@@ -115,6 +117,8 @@ void node_init(struct node *node);
 
 /** word: the node's in the directory, here and below. */
 void node_begin_fill(struct node *node, _Atomic uint64_t *word, struct place place, uint32_t fill);
+/** Another fill goes on with a BUSY node, into the same place. */
+void node_change_fill(struct node *node, uint32_t fill);
 void node_end_fill(struct node *node, _Atomic uint64_t *word);
 void node_fail_fill(struct node *node, _Atomic uint64_t *word, bool damaged);
 

@@ -158,6 +158,25 @@ int pages_take(struct pages *pages, uint32_t count, uint32_t owner, uint32_t *re
 	return 0;
 }
 
+int pages_take_at(struct pages *pages, uint32_t first, uint32_t count, uint32_t owner)
+{
+	struct pages_run last = pages_run_before(pages, pages->page_count);
+
+	CHECK(count >= 1);
+	CHECK(owner != PAGES_FREE);
+	if (last.owner != PAGES_FREE || first < last.first || first >= pages->page_count ||
+	    count > pages->page_count - first)
+		return -ENOBUFS;
+	free_list_remove(pages, last.first);
+	if (first > last.first)
+		free_list_add(pages, last.first, first - last.first);
+	run_write(pages, first, count, owner);
+	if (first + count < pages->page_count)
+		free_list_add(pages, first + count, pages->page_count - first - count);
+	pages->free_count -= count;
+	return 0;
+}
+
 void pages_give(struct pages *pages, uint32_t first)
 {
 	uint32_t count;

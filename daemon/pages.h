@@ -44,6 +44,15 @@ struct pages *pages_destroy(struct pages *pages);
  */
 int pages_take(struct pages *pages, uint32_t count, uint32_t owner, uint32_t *ret_first);
 
+/**
+ * Takes `count` pages from `first` on, behind all that are taken: for filling the range anew in
+ * ascending order.
+ *
+ * Returns: 0, or -ENOBUFS when some of them lie before the end of the last taken run, or behind the
+ *	range.
+ */
+int pages_take_at(struct pages *pages, uint32_t first, uint32_t count, uint32_t owner);
+
 /** Gives back the taken run that begins at `first`, and joins it with free neighbours. */
 void pages_give(struct pages *pages, uint32_t first);
 

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/random.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -139,6 +140,46 @@ static int make_directory(struct served *served, uint64_t epoch, struct why *why
 	return memfile_publish(&served->directory_file, MEMFILE_CHANGING, why);
 }
 
+static int make_ledger(struct served *served, uint64_t segment_bytes, struct why *why)
+{
+	struct ledger_header header = {
+		.device = served->device,
+		.inode = served->inode,
+		.generation = served->superblock->generation,
+		.node_count = served->node_count,
+		.segment_bytes = segment_bytes,
+	};
+
+	memcpy(header.uuid, served->superblock->uuid, sizeof(header.uuid));
+	memcpy(header.path, served->path, sizeof(header.path));
+	if (getrandom(&served->key, sizeof(served->key), 0) != sizeof(served->key))
+		return why_errno(why, -errno, "a random number");
+	return ledger_create(&header, &served->ledger, why);
+}
+
+int served_inherit(struct served *served, struct ledger *ledger, uint64_t key, uint64_t cache_bytes,
+		   struct why *why)
+{
+	const struct ledger_header *header = ledger->header;
+	uint64_t segment_bytes = header->segment_bytes;
+
+	if (header->device != served->device || header->inode != served->inode ||
+	    header->generation != served->superblock->generation ||
+	    memcmp(header->uuid, served->superblock->uuid, sizeof(header->uuid)) != 0 ||
+	    header->node_count != served->node_count)
+		return why_set(why, -ESTALE, "it has been written anew since");
+	if (segment_bytes < WIRE_PAGE_BYTES || segment_bytes > SEGMENT_BYTES_MAX ||
+	    (segment_bytes & (segment_bytes - 1)) != 0 ||
+	    segment_bytes < served->superblock->payload_bytes_max || segment_bytes > cache_bytes)
+		return why_set(why, -ENOBUFS, "its memory does not fit into the cache");
+	arena_init(&served->arena, segment_bytes);
+	ledger_done(&served->ledger);
+	served->ledger = *ledger;
+	*ledger = LEDGER_NONE;
+	served->key = key;
+	return 0;
+}
+
 /*
  * A description of the file that reads past the page cache.  Opened anew through /proc where the
  * daemon's own user may open the file.  Where only the client could, its own description is
@@ -181,6 +222,9 @@ static int load(struct served *served, const struct store_file *store, uint64_t 
 	if (r < 0)
 		return r;
 	arena_init(&served->arena, segment_bytes);
+	r = make_ledger(served, segment_bytes, why);
+	if (r < 0)
+		return r;
 	served->nodes = calloc(served->node_count, sizeof(*served->nodes));
 	if (!served->nodes)
 		return why_errno(why, -ENOMEM, "states of %u nodes", served->node_count);
@@ -208,6 +252,7 @@ int served_open(int fd, const char *path, uint64_t cache_bytes, uint64_t epoch, 
 	list_init(&served->arena.in_order);
 	served->hs = MEMFILE_NONE;
 	served->directory_file = MEMFILE_NONE;
+	served->ledger = LEDGER_NONE;
 	served->fd = -1;
 	(void)snprintf(served->path, sizeof(served->path), "%s", path);
 	r = store_open(fd, &store, why);
@@ -232,6 +277,7 @@ struct served *served_close(struct served *served)
 		return NULL;
 	CHECK(served->attach_count == 0);
 	arena_done(&served->arena);
+	ledger_done(&served->ledger);
 	memfile_done(&served->directory_file);
 	memfile_done(&served->hs);
 	(void)fd_close(served->fd);

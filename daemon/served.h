@@ -19,6 +19,7 @@
 
 #include "daemon/arena.h"
 #include "daemon/counters.h"
+#include "daemon/ledger.h"
 #include "daemon/memfile.h"
 #include "daemon/node.h"
 #include "formats/base/list.h"
@@ -27,6 +28,8 @@
 #include "libclient/wire.h"
 
 #define SERVED_PATH_BYTES 1024u
+
+struct inherited;
 
 struct served {
 	struct list link; /* cache.stores */
@@ -42,6 +45,12 @@ struct served {
 	struct memfile directory_file;
 	struct wire_directory *directory;
 	struct node *nodes; /* node_count */
+
+	/* For a successor of this daemon. */
+	struct ledger ledger;
+	uint64_t key; /* in the names of what is handed over: the same for all successors */
+	struct inherited
+		*inherited; /* from a predecessor, until its grace is over; of takeover.c */
 
 	struct arena arena;
 	struct list lru;       /* FREE nodes, the one unused for the longest first */
@@ -95,6 +104,18 @@ int served_open(int fd, const char *path, uint64_t cache_bytes, uint64_t epoch, 
 
 /** Nothing of it may be in flight.  NULL is allowed.  Returns: NULL. */
 struct served *served_close(struct served *served);
+
+/**
+ * Makes a store that was just opened the heir of a predecessor's: its ledger, and segments as long as
+ * they were.
+ *
+ * ledger:  taken over on success, and emptied.
+ *
+ * Returns: 0, -ESTALE (the file is another generation, or another file), -ENOBUFS (the cache cannot
+ *	hold one of its segments).
+ */
+int served_inherit(struct served *served, struct ledger *ledger, uint64_t key, uint64_t cache_bytes,
+		   struct why *why);
 
 /** Has the node a payload? */
 static inline bool served_has_payload(const struct served *served, uint32_t index)

@@ -60,6 +60,7 @@ static int on_round(sd_event_source *source, void *arg)
 	if (!server->stopping) {
 		LIST_FOR_EACH (link, &server->sessions)
 			session_retry(LIST_ENTRY(link, struct session, link));
+		takeover_pump(server->takeover);
 		residents_retry(&server->residents);
 		queues_pump(&server->queues);
 	}
@@ -104,6 +105,7 @@ static int on_tick(sd_event_source *source, uint64_t now_us, void *arg)
 	LIST_FOR_EACH (link, &server->sessions)
 		session_tick(LIST_ENTRY(link, struct session, link), now_ns);
 	if (!server->stopping) {
+		takeover_tick(server->takeover, now_ns);
 		server_close_idle(server, now_ns);
 		server_metrics_tick(server, now_ns);
 		cache_trim(&server->cache, now_ns, SEGMENT_IDLE_NS);
@@ -307,6 +309,7 @@ static void on_fill_ended(void *arg, const struct fill_result *result)
 {
 	struct server *server = arg;
 
+	takeover_fill_ended(server->takeover, result);
 	residents_fill_ended(&server->residents, result);
 	LIST_FOR_EACH (link, &server->sessions)
 		session_fill_ended(LIST_ENTRY(link, struct session, link), result);
@@ -333,6 +336,13 @@ static int on_reload(sd_event_source *source, const struct signalfd_siginfo *inf
 	(void)sd_notify(0, "READY=1");
 	return 0;
 }
+
+/* ---- what a predecessor left ---- */
+
+static const struct takeover_calls takeover_calls = {
+	.ended = on_fill_ended,
+	.active = call_active,
+};
 
 static int on_signal(sd_event_source *source, const struct signalfd_siginfo *info, void *arg)
 {
@@ -377,6 +387,11 @@ static int create_parts(struct server *server, struct why *why)
 	fills_set_fetch(server->fills, server->fetch);
 	queues_init(&server->queues, server->fills);
 	residents_init(&server->residents, &server->cache, &server->queues);
+	r = takeover_create(&server->cache, server->fills, server->workers, &takeover_calls, server,
+			    &server->takeover, why);
+	if (r < 0)
+		return r;
+	fills_set_takeover(server->fills, takeover_want, server->takeover);
 	return 0;
 }
 
@@ -467,6 +482,8 @@ int server_create(const struct server_config *config, struct server **ret, struc
 	r = server_metrics_start(server, why);
 	if (r < 0)
 		goto err_destroy;
+	server_take_over(server);
+	server_active(server);
 	*ret = server;
 	return 0;
 
@@ -518,6 +535,7 @@ struct server *server_destroy(struct server *server)
 	server->fetch = fetch_destroy(server->fetch);
 	server->fills = fills_destroy(server->fills);
 	server_close_stores(server);
+	server->takeover = takeover_destroy(server->takeover);
 	(void)sd_event_source_disable_unref(server->listen_source);
 	(void)sd_event_source_disable_unref(server->fetch_source);
 	(void)sd_event_source_disable_unref(server->workers_source);

@@ -14,6 +14,7 @@
 
 #include "daemon/accounts.h"
 #include "daemon/fetch.h"
+#include "formats/base/list.h"
 #include "formats/base/why.h"
 
 struct server;
@@ -30,6 +31,9 @@ struct server_config {
 	const struct disk_profile *disk; /* see fetch_config */
 	uint64_t idle_exit_s;  /* ends when nobody has been connected for so long; 0: never */
 	uint64_t idle_close_s; /* closes a store that nobody has had open for so long */
+
+	struct list *kept_stores; /* of handover_collect(): taken over; NULL: none */
+	uint64_t grace_ms; /* for so long, what clients of a predecessor draw stays as it is */
 
 	const char *const *stores; /* that are open whether anybody asks or not */
 	uint32_t store_count;

@@ -15,6 +15,7 @@
 #include "daemon/residents.h"
 #include "daemon/server.h"
 #include "daemon/session.h"
+#include "daemon/takeover.h"
 #include "daemon/workers.h"
 
 /** How clients have gone. */
@@ -56,6 +57,7 @@ struct server {
 	struct queues queues;
 	struct residents residents;
 	struct store_counters closed_counters; /* of stores that are served no longer */
+	struct takeover *takeover;
 
 	struct metrics metrics;
 	struct accounts accounts;
@@ -84,6 +86,8 @@ void server_open(struct server *server, struct session *session, uint32_t slot, 
 /** See cache_calls. */
 void server_make_segment(void *server, struct served *served);
 void server_segment_gone(void *server, struct served *served, struct segment *segment);
+/** Opens what a predecessor had open, with what it had in memory. */
+void server_take_over(struct server *server);
 /** Closes what nobody has had open for a while. */
 void server_close_idle(struct server *server, uint64_t now_ns);
 /** Closes all, for good: nothing is in flight, nobody is attached. */

@@ -33,6 +33,8 @@ static void store_close_served(struct server *server, struct served *served)
 {
 	cache_remove_store(&server->cache, served);
 	store_counters_add(&server->closed_counters, &served->counters);
+	handover_forget_directory(served, server->epoch);
+	handover_forget_store(served);
 	fetch_remove_file(server->fetch, served->file);
 	served_close(served);
 }
@@ -40,7 +42,7 @@ static void store_close_served(struct server *server, struct served *served)
 static bool store_is_idle(const struct served *served)
 {
 	return served->attach_count == 0 && served->pinned_pages == 0 && !served->segment_coming &&
-	       !served->keep && served->resident_count == 0;
+	       !served->keep && served->resident_count == 0 && !served->inherited;
 }
 
 /* Room in the table of stores, if need be by closing the one that has been idle for the longest. */
@@ -84,6 +86,17 @@ static int store_install(struct server *server, struct served *served, struct wh
 			"%s: its file system has no direct reads: they go through the page cache",
 			served->path);
 	cache_add_store(&server->cache, served);
+	return 0;
+}
+
+static int store_install_new(struct server *server, struct served *served, struct why *why)
+{
+	int r = store_install(server, served, why);
+
+	if (r < 0)
+		return r;
+	handover_keep_store(served);
+	handover_keep_directory(served, server->epoch);
 	cache_warm_up(&server->cache, served);
 	return 0;
 }
@@ -130,7 +143,7 @@ int server_open_store(struct server *server, const char *path, struct why *why)
 	r = served_open(fd, path, server->config.cache_bytes, server->epoch, &served, why);
 	if (r == 0) {
 		served->keep = true;
-		r = store_install(server, served, why);
+		r = store_install_new(server, served, why);
 	}
 	if (r < 0)
 		why_prefix(why, "%s", path);
@@ -186,7 +199,7 @@ static struct served *open_result(struct open_job *self)
 		served_close(self->opened);
 		return twin;
 	}
-	self->error = store_install(self->server, self->opened, &self->why);
+	self->error = store_install_new(self->server, self->opened, &self->why);
 	return self->error < 0 ? NULL : self->opened;
 }
 
@@ -314,6 +327,7 @@ void server_close_stores(struct server *server)
 {
 	/* Not evicted: clients that live on draw what is there. */
 	LIST_FOR_EACH (link, &server->cache.stores) {
+		takeover_forget(LIST_ENTRY(link, struct served, link));
 		list_remove(link);
 		served_close(LIST_ENTRY(link, struct served, link));
 	}
@@ -372,6 +386,7 @@ static void segment_done(struct worker_job *job)
 		memfile_done(&self->memfile);
 	} else {
 		segment_register(server, segment);
+		handover_keep_segment(served, segment);
 		LIST_FOR_EACH (link, &server->sessions)
 			session_tell_segment(LIST_ENTRY(link, struct session, link), served,
 					     segment);
@@ -404,7 +419,96 @@ void server_segment_gone(void *arg, struct served *served, struct segment *segme
 
 	/* First of all: reads into punched memory would succeed and be lost. */
 	fetch_remove_buffer(server->fetch, segment->buffer);
+	handover_forget_segment(served, segment);
 	LIST_FOR_EACH (link, &server->sessions)
 		session_tell_segment_gone(LIST_ENTRY(link, struct session, link), served,
 					  segment->number);
+}
+
+/* ---- what a predecessor left ---- */
+
+static void take_segment(void *arg, struct served *served, struct segment *segment)
+{
+	(void)served;
+	segment_register(arg, segment);
+}
+
+/* A description of the file that is read from as any other, whatever the predecessor read by. */
+static int reopen_kept(const struct kept_store *kept, struct why *why)
+{
+	int fd = fcntl(kept->file_fd, F_DUPFD_CLOEXEC, 3);
+	int flags = fd < 0 ? -1 : fcntl(fd, F_GETFL);
+
+	if (flags < 0 || fcntl(fd, F_SETFL, flags & ~O_DIRECT) < 0) {
+		int r = why_errno(why, -errno, "its descriptor");
+
+		(void)fd_close(fd);
+		return r;
+	}
+	return fd;
+}
+
+/* Opens the file anew and makes it the heir of the ledger.  Its memory is not looked at yet. */
+static int open_kept(struct server *server, const struct kept_store *kept, struct ledger *ledger,
+		     struct served **ret, struct why *why)
+{
+	struct served *served;
+	int fd = reopen_kept(kept, why);
+	int r;
+
+	if (fd < 0)
+		return fd;
+	r = served_open(fd, ledger->header->path, server->config.cache_bytes, server->epoch,
+			&served, why);
+	if (r < 0)
+		return r;
+	r = served_inherit(served, ledger, kept->key, server->config.cache_bytes, why);
+	if (r < 0) {
+		served_close(served);
+		return r;
+	}
+	*ret = served;
+	return store_install(server, served, why);
+}
+
+static int take_over_store(struct server *server, struct kept_store *kept, struct why *why)
+{
+	struct ledger ledger = LEDGER_NONE;
+	struct served *served;
+	int r;
+
+	if (kept->file_fd < 0 || kept->ledger_fd < 0)
+		return why_set(why, -EUCLEAN, "not all of it is there");
+	r = ledger_adopt(fcntl(kept->ledger_fd, F_DUPFD_CLOEXEC, 3), &ledger, why);
+	if (r < 0)
+		return r;
+	r = open_kept(server, kept, &ledger, &served, why);
+	ledger_done(&ledger);
+	if (r < 0)
+		return r;
+	kept->file_fd = fd_close(kept->file_fd);
+	kept->ledger_fd = fd_close(kept->ledger_fd);
+	if (takeover_begin(server->takeover, served, kept, take_segment, server,
+			   clock_now_ns() + server->config.grace_ms * NS_PER_MS) < 0)
+		log_warning("%s: no memory to take over what is kept of it", served->path);
+	/* Only now: a successor finds every kept payload in the newest directory. */
+	handover_keep_directory(served, server->epoch);
+	return 0;
+}
+
+void server_take_over(struct server *server)
+{
+	struct list *kept_stores = server->config.kept_stores;
+
+	if (!kept_stores)
+		return;
+	LIST_FOR_EACH (link, kept_stores) {
+		struct kept_store *kept = LIST_ENTRY(link, struct kept_store, link);
+		struct why why;
+
+		if (take_over_store(server, kept, &why) < 0)
+			log_info("what is kept of a store is not taken over: %s", why.text);
+		kept_store_destroy(kept, true);
+	}
+	server->config.kept_stores = NULL;
 }

@@ -252,6 +252,18 @@ static void write_account(FILE *out, const struct account *account)
 	fputc('}', out);
 }
 
+static void write_takeover(FILE *out, const struct server *server)
+{
+	struct takeover_counts counts;
+
+	takeover_count(server->takeover, &counts);
+	write_number(out, "takeover_left", counts.left);
+	write_number(out, "takeover_verified", counts.verified);
+	write_number(out, "takeover_bytes", counts.bytes);
+	write_number(out, "takeover_reread", counts.reread);
+	write_number(out, "takeover_graces", counts.graces);
+}
+
 static void write_accounts(struct view *view)
 {
 	const char *separator = "";
@@ -329,6 +341,7 @@ static void write_status(struct view *view)
 	write_accounts(view);
 	write_ends(out, server);
 	write_number(out, "store_count", server->cache.store_count);
+	write_takeover(out, server);
 	fprintf(out, ",\"totals\":{\"device_read_bytes\":%llu",
 		(unsigned long long)fetch_read_bytes(server->fetch));
 	write_counters(out, &sum);

@@ -230,6 +230,9 @@ static uint32_t cost_of(const struct visible *visible, const struct want *want)
 {
 	uint32_t own_holds = want->holding ? 1 : 0;
 
+	/* What is on its way is counted as pinned already, whoever asked for it. */
+	if (!want->holding && node_of(visible, want)->state == NODE_BUSY)
+		return 0;
 	return node_of(visible, want)->hold_count == own_holds ? pages_of(visible, want) : 0;
 }
 

@@ -220,6 +220,11 @@ void workers_flush(struct workers *workers)
 	wake(workers, batch_count);
 }
 
+uint32_t workers_count(const struct workers *workers)
+{
+	return workers->worker_count;
+}
+
 uint32_t workers_job_count(const struct workers *workers)
 {
 	return workers->job_count;

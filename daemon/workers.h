@@ -47,6 +47,9 @@ void workers_add_first(struct workers *workers, struct worker_job *job);
 /** Lets the workers begin with short jobs that were added: once for all that came at one time. */
 void workers_flush(struct workers *workers);
 
+/** Threads that there are. */
+uint32_t workers_count(const struct workers *workers);
+
 /** Jobs that were added and have not come back. */
 uint32_t workers_job_count(const struct workers *workers);
 

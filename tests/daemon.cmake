@@ -21,6 +21,10 @@ add_dependencies(test_daemon_program oocd)
 
 oocd_test(test_reload integration SOURCES integration/test_reload.c LINK oocd_daemon_kit)
 
+oocd_test(test_takeover integration
+	SOURCES integration/test_takeover.c integration/manager_kit.c
+	LINK oocd_daemon_kit oocclient NEEDS oocd)
+
 oocd_test(test_torn stress SOURCES stress/test_torn.c LINK oocd_daemon_kit)
 
 oocd_test(test_daemon_calls fault SOURCES fault/test_daemon_calls.c LINK oocd_core oocd_test_helper)

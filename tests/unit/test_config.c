@@ -44,6 +44,7 @@ static void a_file_says_everything(void **state)
 			      "io = pread\n"
 			      "idle-exit = 60\n"
 			      "idle-close = 0\n"
+			      "grace = 0.25\n"
 			      "admin-group = root\n"
 			      "verbose = yes\n"
 			      "[user root]\n"
@@ -64,6 +65,7 @@ static void a_file_says_everything(void **state)
 	assert_int_equal(server->fetch_kind, FETCH_PREAD);
 	assert_int_equal(server->idle_exit_s, 60);
 	assert_int_equal(server->idle_close_s, 0);
+	assert_int_equal(server->grace_ms, 250);
 	assert_true(config->verbose);
 	assert_int_equal(server->policy_count, 2);
 	assert_int_equal(server->policies[0].uid, 0);
@@ -84,6 +86,7 @@ static void a_fault_is_named_with_its_line_and_what_is_allowed(void **state)
 		{ "cache-size = lots", ":1: cache-size = lots: not a size from 1.0 MiB to" },
 		{ "cache-size = 1K", "not a size from" },
 		{ "\n\nqueue-depth = 0\n", ":3: queue-depth = 0: not a number from 1 to 256" },
+		{ "grace = long", "grace = long: not seconds from 0 to 3600" },
 		{ "workers = many", "not a number from 1 to 64" },
 		{ "io = tape", "io = tape: not uring, pread or auto" },
 		{ "verbose = maybe", "not yes or no" },
@@ -158,10 +161,9 @@ static void options_win_over_the_file_and_add_stores(void **state)
 /* Its comments taken away from the keys, the example is right, too. */
 static void the_example_and_the_manual_have_every_key(void **state)
 {
-	static const char *const keys[] = { "cache-size", "store",       "idle-close",
-					    "idle-exit",  "workers",     "queue-depth",
-					    "io",         "admin-group", "verbose",
-					    "weight",     "share" };
+	static const char *const keys[] = { "cache-size",  "store",   "idle-close",  "idle-exit",
+					    "grace",       "workers", "queue-depth", "io",
+					    "admin-group", "verbose", "weight",      "share" };
 	char path[512];
 	size_t bytes;
 	char *example;

@@ -120,9 +120,38 @@ static void pages_of_any_size_can_be_made_and_taken_whole(void **state)
 	assert_int_equal(pages_create((1u << 24) + 1, NULL), -EINVAL);
 }
 
+static void places_are_taken_again_in_ascending_order_only(void **state)
+{
+	struct pages *pages;
+	uint32_t first;
+
+	(void)state;
+	assert_int_equal(pages_create(100, &pages), 0);
+	assert_int_equal(pages_take_at(pages, 10, 5, 1), 0);
+	assert_int_equal(pages_take_at(pages, 15, 5, 2), 0);
+	/* Over what is taken, before it, and beyond the end. */
+	assert_int_equal(pages_take_at(pages, 19, 1, 3), -ENOBUFS);
+	assert_int_equal(pages_take_at(pages, 0, 1, 3), -ENOBUFS);
+	assert_int_equal(pages_take_at(pages, 90, 11, 3), -ENOBUFS);
+	assert_int_equal(pages_take_at(pages, 100, 1, 3), -ENOBUFS);
+	assert_int_equal(pages_take_at(pages, UINT32_MAX - 1, 5, 3), -ENOBUFS);
+	assert_int_equal(pages_take_at(pages, 90, 10, 3), 0);
+	assert_int_equal(pages_take_at(pages, 95, 1, 4), -ENOBUFS);
+	pages_check(pages);
+	assert_int_equal(pages_free_count(pages), 80);
+	/* What lies between is free for all. */
+	assert_int_equal(pages_take(pages, 70, 5, &first), 0);
+	assert_int_equal(first, 20);
+	pages_give(pages, 15);
+	pages_give(pages, 90);
+	pages_check(pages);
+	pages_destroy(pages);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(places_are_taken_again_in_ascending_order_only),
 		cmocka_unit_test(pages_agree_with_a_table_of_owners),
 		cmocka_unit_test(pages_take_the_tightest_class),
 		cmocka_unit_test(pages_of_any_size_can_be_made_and_taken_whole),

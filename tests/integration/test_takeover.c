@@ -1,0 +1,497 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * Goal: a daemon that is started again has the cache of the one before, verified, and does nothing
+ * to what that one's clients still draw.
+ * Method: a service manager of the test's own keeps descriptors while oocd is killed and started.
+ */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <fcntl.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "formats/base/bytes.h"
+#include "libclient/ooc/client.h"
+#include "tests/helper.h"
+#include "tests/integration/daemon_kit.h"
+#include "tests/integration/manager_kit.h"
+
+#define GRID_COUNT 16u /* 512 leaves */
+#define LEAVES_MAX 512u
+#define CRASHES    8u
+
+static const char *const usual[] = { "--cache-size", "64M", NULL };
+
+struct scene {
+	char *folder;
+	const char *plain;
+	const char *coded;
+	const char *config;
+	struct manager *manager;
+	struct kit_daemon daemon; /* for clients: where to connect */
+};
+
+static int setup(void **state)
+{
+	struct scene *scene = calloc(1, sizeof(*scene));
+	const struct test_grid coded = {
+		.count = GRID_COUNT,
+		.codec = STORE_CODEC_ZSTD,
+		.face_quads = 4,
+	};
+
+	scene->folder = test_folder_make();
+	scene->plain = test_path(scene->folder, "plain.ooc");
+	scene->coded = test_path(scene->folder, "coded.ooc");
+	scene->config = test_path(scene->folder, "oocd.conf");
+	test_store_grid(scene->plain, GRID_COUNT);
+	test_store_grid_make(scene->coded, &coded);
+	scene->manager = manager_create(scene->folder);
+	(void)snprintf(scene->daemon.socket_path, sizeof(scene->daemon.socket_path), "%s",
+		       manager_socket(scene->manager));
+	*state = scene;
+	return 0;
+}
+
+static int teardown(void **state)
+{
+	struct scene *scene = *state;
+
+	manager_destroy(scene->manager);
+	test_folder_remove(scene->folder);
+	free(scene);
+	return 0;
+}
+
+/* With a grace that the test chooses. */
+static void start_with_grace(const struct scene *scene, const char *cache_size, const char *grace)
+{
+	const char *options[] = { "--config", scene->config, NULL };
+	char text[128];
+
+	(void)snprintf(text, sizeof(text), "cache-size = %s\ngrace = %s\n", cache_size, grace);
+	test_file_write(scene->config, text, strlen(text));
+	manager_start(scene->manager, options);
+}
+
+static uint32_t want_all(struct kit_client *client, const struct kit_store *store, uint32_t slot,
+			 uint32_t flags)
+{
+	static struct wire_entry entries[LEAVES_MAX];
+	uint32_t count = kit_entries(store, slot, 0, LEAVES_MAX, entries);
+
+	kit_set(client, entries, count, flags);
+	kit_settle(client);
+	return count;
+}
+
+/* Connects, opens and wants all of a store. */
+static struct kit_client *client_of(const struct scene *scene, const char *path,
+				    uint32_t *ret_count)
+{
+	struct kit_client *client = kit_hello(&scene->daemon);
+	const struct kit_store *store = kit_open(client, 0, path);
+
+	*ret_count = want_all(client, store, 0, 0);
+	return client;
+}
+
+static void check_comes_back(struct scene *scene, const char *path, int signal)
+{
+	struct kit_client *client;
+	uint32_t count;
+
+	manager_start(scene->manager, usual);
+	client = client_of(scene, path, &count);
+	assert_int_equal(kit_count_drawable(&client->stores[0]), count);
+	assert_true(kit_status_number(client, "read_bytes") > 0);
+	(void)manager_stop(scene->manager, signal);
+	kit_disconnect(client);
+
+	manager_start(scene->manager, usual);
+	client = client_of(scene, path, &count);
+	assert_int_equal(kit_count_drawable(&client->stores[0]), count);
+	assert_int_equal(kit_status_number(client, "takeover_verified"), count);
+	assert_int_equal(kit_status_number(client, "takeover_reread"), 0);
+	assert_int_equal(kit_status_number(client, "read_bytes"), 0);
+	kit_disconnect(client);
+	assert_int_equal(manager_stop(scene->manager, SIGTERM), 0);
+}
+
+static void a_killed_daemon_leaves_its_cache(void **state)
+{
+	check_comes_back(*state, ((struct scene *)*state)->plain, SIGKILL);
+}
+
+static void a_killed_daemon_leaves_what_it_has_decoded(void **state)
+{
+	check_comes_back(*state, ((struct scene *)*state)->coded, SIGKILL);
+}
+
+static void a_daemon_that_ends_in_order_leaves_its_cache(void **state)
+{
+	check_comes_back(*state, ((struct scene *)*state)->coded, SIGTERM);
+}
+
+/* One byte of each of the first payloads of each segment that is kept. */
+static uint32_t spoil(struct manager *manager)
+{
+	uint32_t count = manager_kept_count(manager, "-segment-");
+
+	assert_true(count > 0);
+	for (uint32_t i = 0; i < count; i++) {
+		int fd = manager_kept(manager, "-segment-", i);
+		uint8_t *base = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
+
+		assert_ptr_not_equal(base, MAP_FAILED);
+		base[40] ^= 1;
+		(void)munmap(base, 4096);
+	}
+	return count;
+}
+
+static void check_reads_again(struct scene *scene, const char *path)
+{
+	struct kit_client *client;
+	uint32_t spoiled;
+	uint32_t count;
+
+	manager_start(scene->manager, usual);
+	client = client_of(scene, path, &count);
+	kit_disconnect(client);
+	(void)manager_stop(scene->manager, SIGKILL);
+	spoiled = spoil(scene->manager);
+
+	manager_start(scene->manager, usual);
+	client = client_of(scene, path, &count);
+	kit_await_number(client, "takeover_left", 0);
+	/* Every one that is drawable is looked at. */
+	assert_int_equal(kit_count_drawable(&client->stores[0]), count);
+	assert_true(kit_status_number(client, "takeover_reread") > 0);
+	assert_true(kit_status_number(client, "takeover_reread") <= spoiled);
+	kit_disconnect(client);
+	assert_int_equal(manager_stop(scene->manager, SIGTERM), 0);
+}
+
+static void a_kept_payload_that_is_wrong_is_read_again(void **state)
+{
+	struct scene *scene = *state;
+
+	check_reads_again(scene, scene->plain);
+	manager_destroy(scene->manager);
+	scene->manager = manager_create(scene->folder);
+	check_reads_again(scene, scene->coded);
+}
+
+static void a_store_that_was_written_anew_begins_cold(void **state)
+{
+	struct scene *scene = *state;
+	struct kit_client *client;
+	uint32_t count;
+	uint32_t other_count;
+	size_t byte_count;
+	void *bytes;
+	int fd;
+
+	manager_start(scene->manager, usual);
+	client = client_of(scene, scene->plain, &count);
+	kit_disconnect(client);
+	(void)manager_stop(scene->manager, SIGKILL);
+	/* In its place: device and inode stay. */
+	test_store_grid(test_path(scene->folder, "other.ooc"), GRID_COUNT / 2);
+	bytes = test_file_read(test_path(scene->folder, "other.ooc"), &byte_count);
+	fd = open(scene->plain, O_WRONLY | O_TRUNC | O_CLOEXEC);
+	assert_int_equal(write(fd, bytes, byte_count), byte_count);
+	(void)close(fd);
+	free(bytes);
+
+	manager_start(scene->manager, usual);
+	manager_await_kept(scene->manager, "oocd-", 0);
+	client = client_of(scene, scene->plain, &other_count);
+	assert_true(other_count < count);
+	assert_int_equal(kit_count_drawable(&client->stores[0]), other_count);
+	assert_int_equal(kit_status_number(client, "takeover_verified"), 0);
+	kit_disconnect(client);
+}
+
+static void what_is_not_ours_or_not_whole_is_forgotten(void **state)
+{
+	struct scene *scene = *state;
+	struct kit_client *client;
+	uint32_t count;
+
+	manager_start(scene->manager, usual);
+	client = client_of(scene, scene->plain, &count);
+	kit_disconnect(client);
+	(void)manager_stop(scene->manager, SIGKILL);
+	/* A ledger of nonsense. */
+	{
+		int fd = manager_kept(scene->manager, "-ledger", 0);
+		uint64_t *base = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
+
+		assert_ptr_not_equal(base, MAP_FAILED);
+		base[0] = 0;
+		(void)munmap(base, 4096);
+	}
+	manager_start(scene->manager, usual);
+	manager_await_kept(scene->manager, "oocd-", 0);
+	client = client_of(scene, scene->plain, &count);
+	assert_int_equal(kit_count_drawable(&client->stores[0]), count);
+	assert_true(kit_status_number(client, "read_bytes") > 0);
+	kit_disconnect(client);
+}
+
+static void a_store_that_is_closed_is_forgotten(void **state)
+{
+	struct scene *scene = *state;
+	const char *const options[] = { "--cache-size", "64M", "--idle-close", "0", NULL };
+	struct kit_client *client;
+	uint32_t count;
+
+	manager_start(scene->manager, options);
+	client = client_of(scene, scene->coded, &count);
+	assert_int_equal(manager_kept_count(scene->manager, "-file"), 1);
+	assert_int_equal(manager_kept_count(scene->manager, "-ledger"), 1);
+	assert_int_equal(manager_kept_count(scene->manager, "-directory-"), 1);
+	assert_true(manager_kept_count(scene->manager, "-segment-") > 0);
+	kit_disconnect(client);
+	manager_await_kept(scene->manager, "oocd-", 0);
+}
+
+static void a_smaller_cache_takes_over_what_fits(void **state)
+{
+	struct scene *scene = *state;
+	struct kit_client *client;
+	uint32_t count;
+	uint32_t verified;
+
+	start_with_grace(scene, "64M", "0");
+	client = client_of(scene, scene->coded, &count);
+	kit_disconnect(client);
+	(void)manager_stop(scene->manager, SIGKILL);
+
+	start_with_grace(scene, "4M", "0");
+	client = kit_hello(&scene->daemon);
+	kit_await_number(client, "takeover_graces", 0);
+	verified = (uint32_t)kit_status_number(client, "takeover_verified");
+	assert_true(verified > 0 && verified < count);
+	assert_true(kit_status_number(client, "arena_bytes") <= 4 * MIB);
+	kit_disconnect(client);
+}
+
+/* ---- survivors ---- */
+
+struct survivor {
+	struct ooc_client *client;
+	struct ooc_store *store;
+	uint32_t node;
+	struct ooc_place place;
+	const uint8_t *payload;
+	uint8_t *bytes; /* what it drew */
+	uint32_t payload_bytes;
+};
+
+static void survivor_start(struct survivor *survivor, const char *socket_path, const char *path)
+{
+	struct ooc_want wants[LEAVES_MAX];
+	size_t count = 0;
+
+	assert_int_equal(ooc_connect(socket_path, "survivor", &survivor->client), 0);
+	assert_int_equal(ooc_open(survivor->client, path, &survivor->store), 0);
+	for (uint32_t i = 0; i < ooc_node_count(survivor->store) && count < LEAVES_MAX; i++)
+		if (ooc_nodes(survivor->store)[i].payload_id != 0)
+			wants[count++] = (struct ooc_want){
+				.store = survivor->store,
+				.node = i,
+				.importance = 1,
+			};
+	assert_true(ooc_visible_set(survivor->client, wants, count) > 0);
+	assert_true(ooc_wait(survivor->client, 20000) >= 0);
+	survivor->node = wants[0].node;
+	survivor->payload = ooc_map(survivor->store, survivor->node);
+	assert_non_null(survivor->payload);
+	assert_int_equal(ooc_locate(survivor->store, survivor->node, &survivor->place), 0);
+	survivor->payload_bytes = ooc_nodes(survivor->store)[survivor->node].payload_bytes;
+	survivor->bytes = malloc(survivor->payload_bytes);
+	memcpy(survivor->bytes, survivor->payload, survivor->payload_bytes);
+}
+
+static bool survivor_sees_the_same(const struct survivor *survivor)
+{
+	return memcmp(survivor->bytes, survivor->payload, survivor->payload_bytes) == 0;
+}
+
+static void survivor_end(struct survivor *survivor)
+{
+	free(survivor->bytes);
+	ooc_disconnect(survivor->client);
+}
+
+/* Someone else wants another store whole, in a cache that has no room for both. */
+static void crowd(struct kit_client *client, const char *path)
+{
+	const struct kit_store *store = kit_open(client, 0, path);
+
+	(void)want_all(client, store, 0, WIRE_SET_RETIRE);
+}
+
+static void what_a_stopped_client_draws_stays_for_a_grace(void **state)
+{
+	struct scene *scene = *state;
+	struct survivor survivor;
+	struct kit_client *client;
+
+	start_with_grace(scene, "8M", "3600");
+	survivor_start(&survivor, manager_socket(scene->manager), scene->plain);
+	(void)manager_stop(scene->manager, SIGKILL);
+
+	/* It does not run: not one call of the library's until the end. */
+	start_with_grace(scene, "8M", "3600");
+	client = kit_hello(&scene->daemon);
+	kit_await_number(client, "takeover_left", 0);
+	crowd(client, scene->coded);
+	assert_true(client->refusal_count > 0);
+	assert_true(survivor_sees_the_same(&survivor));
+	assert_true(ooc_still_valid(survivor.store, survivor.node, &survivor.place));
+	assert_int_equal(kit_status_number(client, "takeover_graces"), 1);
+	kit_disconnect(client);
+	survivor_end(&survivor);
+}
+
+static void after_the_grace_a_stopped_client_can_tell(void **state)
+{
+	struct scene *scene = *state;
+	struct survivor survivor;
+	struct kit_client *client;
+
+	start_with_grace(scene, "8M", "0");
+	survivor_start(&survivor, manager_socket(scene->manager), scene->plain);
+	assert_true(ooc_still_valid(survivor.store, survivor.node, &survivor.place));
+	(void)manager_stop(scene->manager, SIGKILL);
+	assert_true(ooc_still_valid(survivor.store, survivor.node, &survivor.place));
+
+	start_with_grace(scene, "8M", "0");
+	client = kit_hello(&scene->daemon);
+	kit_await_number(client, "takeover_graces", 0);
+	manager_await_kept(scene->manager, "-directory-", 1);
+	assert_false(ooc_still_valid(survivor.store, survivor.node, &survivor.place));
+	crowd(client, scene->coded);
+	kit_disconnect(client);
+	survivor_end(&survivor);
+}
+
+/* Two successors: what the first client drew is safe from both, and both directories end. */
+static void a_daemon_that_dies_in_its_grace_passes_on_what_it_had(void **state)
+{
+	struct scene *scene = *state;
+	struct survivor first;
+	struct survivor second;
+	struct kit_client *client;
+
+	start_with_grace(scene, "64M", "3600");
+	survivor_start(&first, manager_socket(scene->manager), scene->coded);
+	(void)manager_stop(scene->manager, SIGKILL);
+	start_with_grace(scene, "64M", "3600");
+	survivor_start(&second, manager_socket(scene->manager), scene->coded);
+	(void)manager_stop(scene->manager, SIGKILL);
+	assert_int_equal(manager_kept_count(scene->manager, "-directory-"), 2);
+
+	start_with_grace(scene, "64M", "0");
+	client = kit_hello(&scene->daemon);
+	kit_await_number(client, "takeover_graces", 0);
+	manager_await_kept(scene->manager, "-directory-", 1);
+	assert_false(ooc_still_valid(first.store, first.node, &first.place));
+	assert_false(ooc_still_valid(second.store, second.node, &second.place));
+	assert_int_equal(kit_status_number(client, "takeover_reread"), 0);
+	assert_int_equal(kit_status_number(client, "read_bytes"), 0);
+	kit_disconnect(client);
+	survivor_end(&first);
+	survivor_end(&second);
+}
+
+/* A survivor that runs comes back by itself and draws all along. */
+static void a_client_that_runs_draws_across_the_restart(void **state)
+{
+	struct scene *scene = *state;
+	struct survivor survivor;
+
+	start_with_grace(scene, "64M", "0.2");
+	survivor_start(&survivor, manager_socket(scene->manager), scene->coded);
+	(void)manager_stop(scene->manager, SIGKILL);
+	assert_true(survivor_sees_the_same(&survivor));
+	start_with_grace(scene, "64M", "0.2");
+	assert_true(ooc_wait(survivor.client, 20000) >= 0);
+	survivor.payload = ooc_map(survivor.store, survivor.node);
+	assert_non_null(survivor.payload);
+	assert_true(survivor_sees_the_same(&survivor));
+	survivor_end(&survivor);
+}
+
+/* ---- at any moment ---- */
+
+/* Killed while it reads, decodes, evicts and takes over: whatever is drawable is whole. */
+static void killed_at_any_moment_it_comes_back_whole(void **state)
+{
+	struct scene *scene = *state;
+	uint32_t drawable_count = 0;
+
+	for (uint32_t i = 0; i < CRASHES; i++) {
+		static struct wire_entry entries[LEAVES_MAX];
+		struct kit_client *client;
+		const struct kit_store *store;
+		uint32_t count;
+
+		start_with_grace(scene, "8M", "0");
+		client = kit_hello(&scene->daemon);
+		/* Now and then there is room at once, else what was kept is in the way for a moment. */
+		if (i % 4 == 3)
+			kit_await_number(client, "takeover_graces", 0);
+		store = kit_open(client, 0, i % 2 ? scene->plain : scene->coded);
+		count = kit_entries(store, 0, 0, LEAVES_MAX, entries);
+		for (uint32_t part = 0; part < 4; part++) {
+			uint32_t first = count / 4 * ((part + i) % 4);
+
+			kit_set(client, entries + first, count / 4, WIRE_SET_RETIRE);
+			if (part + 1 < 4) {
+				kit_settle(client);
+				drawable_count += kit_count_drawable(store);
+			}
+		}
+		/* The last set is on its way. */
+		assert_int_equal(manager_stop(scene->manager, SIGKILL), -SIGKILL);
+		kit_disconnect(client);
+	}
+	assert_true(drawable_count > 0);
+}
+
+int main(void)
+{
+#define SCENE_TEST(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
+	const struct CMUnitTest tests[] = {
+		SCENE_TEST(a_killed_daemon_leaves_its_cache),
+		SCENE_TEST(a_killed_daemon_leaves_what_it_has_decoded),
+		SCENE_TEST(a_daemon_that_ends_in_order_leaves_its_cache),
+		SCENE_TEST(a_kept_payload_that_is_wrong_is_read_again),
+		SCENE_TEST(a_store_that_was_written_anew_begins_cold),
+		SCENE_TEST(what_is_not_ours_or_not_whole_is_forgotten),
+		SCENE_TEST(a_store_that_is_closed_is_forgotten),
+		SCENE_TEST(a_smaller_cache_takes_over_what_fits),
+		SCENE_TEST(what_a_stopped_client_draws_stays_for_a_grace),
+		SCENE_TEST(after_the_grace_a_stopped_client_can_tell),
+		SCENE_TEST(a_daemon_that_dies_in_its_grace_passes_on_what_it_had),
+		SCENE_TEST(a_client_that_runs_draws_across_the_restart),
+		SCENE_TEST(killed_at_any_moment_it_comes_back_whole),
+	};
+
+	return TEST_RUN(tests);
+}
