@@ -17,12 +17,21 @@
 #define CTL_FAILED 1
 #define CTL_USAGE  2
 
+int ctl_clients(int argc, char **argv);
+int ctl_dump(int argc, char **argv);
+int ctl_evict(int argc, char **argv);
 int ctl_export(int argc, char **argv);
 int ctl_info(int argc, char **argv);
+int ctl_metrics(int argc, char **argv);
 int ctl_nodes(int argc, char **argv);
 int ctl_parts(int argc, char **argv);
+int ctl_pin(int argc, char **argv);
+int ctl_prefetch(int argc, char **argv);
+int ctl_reload(int argc, char **argv);
 int ctl_status(int argc, char **argv);
 int ctl_stores(int argc, char **argv);
+int ctl_top(int argc, char **argv);
+int ctl_unpin(int argc, char **argv);
 int ctl_verify(int argc, char **argv);
 
 /** Says that the command line is wrong and where the right one stands.  Returns: CTL_USAGE. */

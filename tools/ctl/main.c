@@ -17,7 +17,16 @@ static const struct {
 	{ "export", ctl_export, "write a store's triangles as PLY" },
 	{ "status", ctl_status, "how the daemon is, with its stores and clients" },
 	{ "stores", ctl_stores, "the stores that the daemon serves" },
-	{ "nodes", ctl_nodes, "which nodes of a store are in the daemon's cache" },
+	{ "clients", ctl_clients, "the daemon's clients, and who lives on whose reads" },
+	{ "top", ctl_top, "what the daemon is doing, live" },
+	{ "nodes", ctl_nodes, "which nodes of a store are in the cache, held by whom, going when" },
+	{ "dump", ctl_dump, "the daemon's whole state as JSON, once or at each change" },
+	{ "metrics", ctl_metrics, "the daemon's counters as OpenMetrics text" },
+	{ "prefetch", ctl_prefetch, "bring nodes, or what a camera path shows, into the cache" },
+	{ "pin", ctl_pin, "keep nodes in the cache" },
+	{ "unpin", ctl_unpin, "let them go again" },
+	{ "evict", ctl_evict, "take nodes that nobody holds out of the cache" },
+	{ "reload", ctl_reload, "have the daemon read its configuration anew" },
 };
 
 static int print_help(void)
