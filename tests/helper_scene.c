@@ -329,6 +329,6 @@ void scene_draw(const struct scene *scene, const struct camera_view *view, const
 	raster_clear(raster);
 	for (uint32_t i = 0; i < scene->superblock.node_count; i++)
 		if (scene->payloads[i] && (!marks || marks[i]))
-			assert_int_equal(raster_draw_payload(raster, view, scene->payloads[i], i),
-					 0);
+			assert_int_equal(
+				raster_draw_payload(raster, view, scene->payloads[i], i, 0), 0);
 }

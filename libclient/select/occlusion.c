@@ -132,7 +132,7 @@ static int tester_draw(void *context, const uint32_t *nodes, size_t node_count, 
 		ret_drawn[i] = payload != NULL;
 		if (payload)
 			r = raster_draw_payload(store->occlusion->raster, store->view, payload,
-						store->item_first + nodes[i]);
+						store->item_first + nodes[i], 0);
 		if (r < 0)
 			return r;
 	}

@@ -579,7 +579,7 @@ static void arrays_find(struct arrays *ret, const struct payload_header *header)
 }
 
 int raster_draw_payload(struct raster *raster, const struct camera_view *view, const void *payload,
-			uint64_t item)
+			uint64_t item_first, uint64_t item_step)
 {
 	const struct payload_header *header = payload;
 	struct arrays arrays;
@@ -600,7 +600,7 @@ int raster_draw_payload(struct raster *raster, const struct camera_view *view, c
 		} else {
 			memcpy(corners, (const uint32_t *)arrays.indices + 3 * i, sizeof(corners));
 		}
-		corners_draw(raster, corners, item);
+		corners_draw(raster, corners, item_first + i * item_step);
 	}
 	return 0;
 }

@@ -49,12 +49,13 @@ int raster_triangles(struct raster *raster, const struct camera_view *view,
 		     const struct raster_draw *draw);
 
 /**
- * Draws a payload that payload_validate() has passed, as it lies in memory, all of it as one item.
+ * Draws a payload that payload_validate() has passed, as it lies in memory.  Triangle t of it is
+ * item_first + t * item_step: with a step of 0 the payload is one item.
  *
  * Returns: 0 or -ENOMEM.
  */
 int raster_draw_payload(struct raster *raster, const struct camera_view *view, const void *payload,
-			uint64_t item);
+			uint64_t item_first, uint64_t item_step);
 
 /**
  * Lets the rasteriser keep the farthest depth of each square of pixels, for raster_shows().

@@ -7,17 +7,24 @@
 #include <string.h>
 
 #include "formats/base/check.h"
+#include "libclient/select/coverage.h"
 #include "libclient/select/selector.h"
 
 /** Nodes that wait during a descent: the siblings of one node a level. */
 #define TRAVERSAL_STACK_MAX (8 * (STORE_LEVEL_MAX + 1))
+/** Nodes that show less of the picture come last, those with the fewest triangles first. */
+#define SQUARES_MIN 1e-20
 
 /* ---- names ---- */
 
 static const char *const order_names[SELECT_ORDER_COUNT_] = {
-	[SELECT_ORDER_LAYER] = "layer",           [SELECT_ORDER_SOLIDITY] = "solidity",
-	[SELECT_ORDER_EXTINCTION] = "extinction", [SELECT_ORDER_TRANSMITTANCE] = "transmittance",
-	[SELECT_ORDER_DISTANCE] = "distance",     [SELECT_ORDER_AUTO] = "auto",
+	[SELECT_ORDER_LAYER] = "layer",
+	[SELECT_ORDER_SOLIDITY] = "solidity",
+	[SELECT_ORDER_EXTINCTION] = "extinction",
+	[SELECT_ORDER_TRANSMITTANCE] = "transmittance",
+	[SELECT_ORDER_COVERAGE] = "coverage",
+	[SELECT_ORDER_DISTANCE] = "distance",
+	[SELECT_ORDER_AUTO] = "auto",
 };
 
 const char *select_order_name(enum select_order order)
@@ -103,10 +110,10 @@ struct selector *selector_destroy(struct selector *selector)
 
 /* ---- candidates by distance ---- */
 
-/* A float that is not negative orders like its bits; equal distances go by node. */
-static uint64_t distance_key(double distance2, uint32_t node)
+/* A float that is not negative orders like its bits; equal values go by node. */
+static uint64_t ordering_key(double value, uint32_t node)
 {
-	float rounded = (float)distance2;
+	float rounded = (float)value;
 	uint32_t bits;
 
 	memcpy(&bits, &rounded, sizeof(bits));
@@ -183,7 +190,7 @@ static size_t candidates_sorted(struct selector *selector, const struct view_pla
 			}
 		} else if (selector->selected[index] != selector->call) {
 			selector->sort_keys[count++] =
-				distance_key(bounds_distance2(planes, bounds), index);
+				ordering_key(bounds_distance2(planes, bounds), index);
 		}
 	}
 	sort_by_key(selector, count);
@@ -215,11 +222,10 @@ void selection_add(struct selector *selector, uint32_t node, struct selection *r
 	selector->selected[node] = selector->call;
 }
 
-void selection_add_candidates(struct selector *selector, const struct view_planes *planes,
-			      uint64_t budget_triangles, struct selection *ret)
+/* Adds the candidates that lie sorted until the budget is spent. */
+static void add_sorted(struct selector *selector, size_t count, uint64_t budget_triangles,
+		       struct selection *ret)
 {
-	size_t count = candidates_sorted(selector, planes, &ret->nodes_visited);
-
 	for (size_t i = 0; i < count; i++) {
 		if (ret->entry_count > 0 && ret->triangle_count >= budget_triangles) {
 			ret->budget_reached = true;
@@ -227,6 +233,35 @@ void selection_add_candidates(struct selector *selector, const struct view_plane
 		}
 		selection_add(selector, (uint32_t)selector->sort_keys[i], ret);
 	}
+}
+
+void selection_add_candidates(struct selector *selector, const struct view_planes *planes,
+			      uint64_t budget_triangles, struct selection *ret)
+{
+	size_t count = candidates_sorted(selector, planes, &ret->nodes_visited);
+
+	add_sorted(selector, count, budget_triangles, ret);
+}
+
+/* Adds all candidates in the order of what a part of the picture costs with each of them. */
+static void add_by_coverage(struct selector *selector, const struct camera_view *view,
+			    const struct view_planes *planes, uint64_t budget_triangles,
+			    struct selection *ret)
+{
+	size_t count = candidates_sorted(selector, planes, &ret->nodes_visited);
+	struct coverage coverage;
+
+	coverage_begin(&coverage, view);
+	for (size_t i = 0; i < count; i++) {
+		uint32_t node = (uint32_t)selector->sort_keys[i];
+		float squares =
+			coverage_add(&coverage, &selector->hiding, &selector->bounds[node], node);
+
+		selector->sort_keys[i] = ordering_key(
+			selector->nodes[node].triangle_count / fmax(squares, SQUARES_MIN), node);
+	}
+	sort_by_key(selector, count);
+	add_sorted(selector, count, budget_triangles, ret);
 }
 
 void select_frustum(struct selector *selector, const struct camera_view *view,
@@ -248,17 +283,14 @@ uint32_t select_find_leaf(const struct selector *selector, const double point[3]
 
 /* The order for such a view, as measured (README.md). */
 static enum select_order order_for(const struct selector *selector,
-				   const struct view_planes *planes,
 				   const struct select_options *options)
 {
 	if (options->order != SELECT_ORDER_AUTO)
 		return options->order;
-	/* All of it fits: there is nothing to choose. */
+	/* A model that fits is drawn, nearest first: there is nothing to choose. */
 	if (selector->places.superblock->triangle_count <= options->budget_triangles)
 		return SELECT_ORDER_DISTANCE;
-	return places_find_cell(&selector->places, planes->eye) == PLACE_NONE
-		       ? SELECT_ORDER_TRANSMITTANCE
-		       : SELECT_ORDER_LAYER;
+	return SELECT_ORDER_COVERAGE;
 }
 
 void select_approximate(struct selector *selector, const struct camera_view *view,
@@ -270,8 +302,12 @@ void select_approximate(struct selector *selector, const struct camera_view *vie
 	view_planes_set(&planes, view);
 	if (decided.budget_triangles == 0)
 		decided.budget_triangles = UINT64_MAX;
-	decided.order = order_for(selector, &planes, &decided);
+	decided.order = order_for(selector, &decided);
 	selection_begin(selector, ret);
+	if (decided.order == SELECT_ORDER_COVERAGE) {
+		add_by_coverage(selector, view, &planes, decided.budget_triangles, ret);
+		return;
+	}
 	if (decided.order != SELECT_ORDER_DISTANCE &&
 	    !select_walk(selector, &planes, &decided, ret))
 		return;

@@ -39,7 +39,8 @@ enum select_order {
 	SELECT_ORDER_SOLIDITY,   /* least hidden by what lies on the best way through the cells */
 	SELECT_ORDER_EXTINCTION, /* the same, as solid as the cells are along the view */
 	SELECT_ORDER_TRANSMITTANCE, /* least hidden along the straight ray */
-	SELECT_ORDER_DISTANCE,      /* nearest tight box */
+	SELECT_ORDER_COVERAGE,      /* most pixels that probably show, a triangle; no walk */
+	SELECT_ORDER_DISTANCE,      /* nearest tight box; no walk */
 	SELECT_ORDER_AUTO,          /* whichever README.md found best for such a view */
 	SELECT_ORDER_COUNT_
 };

@@ -180,6 +180,7 @@ static float depth_behind(const struct front *front, const struct view_planes *p
 		return selector->depth[cell] + hiding_depth(&selector->hiding, cell, &along);
 	case SELECT_ORDER_LAYER:
 	case SELECT_ORDER_TRANSMITTANCE:
+	case SELECT_ORDER_COVERAGE:
 	case SELECT_ORDER_DISTANCE:
 	case SELECT_ORDER_AUTO:
 	case SELECT_ORDER_COUNT_:
