@@ -8,3 +8,6 @@ oocd_test(test_oocgen integration
 add_dependencies(test_oocgen oocgen)
 oocd_test(test_flip unit SOURCES unit/test_flip.c LINK oocd_bench oocd_test_helper)
 oocd_test(test_plot unit SOURCES unit/test_plot.c LINK oocd_bench oocd_test_helper)
+oocd_test(test_walk integration
+	SOURCES integration/test_walk.c LINK oocd_test_helper PkgConfig::JANSSON
+	TIMEOUT 120 NEEDS oocbench oocbuild oocd oocgen)

@@ -15,6 +15,7 @@ int verb_exact(int argc, char **argv);
 int verb_fetch(int argc, char **argv);
 int verb_path(int argc, char **argv);
 int verb_select(int argc, char **argv);
+int verb_walk(int argc, char **argv);
 
 /** Says "oocbench VERB: ..." and that --help has more.  Returns: 2. */
 int verb_usage_error(const char *verb, const char *format, ...)
