@@ -4,6 +4,7 @@
 #include <errno.h>
 
 #include "daemon/limits.h"
+#include "daemon/recorder.h"
 #include "formats/base/check.h"
 #include "formats/base/clock.h"
 
@@ -67,6 +68,7 @@ static void evict(struct served *served, uint32_t index)
 	node->unused_prefetch = false;
 	node->was_evicted = true;
 	node->since_ds = clock_now_ds();
+	recorder_node(served, TRACE_EVICT, index);
 }
 
 /* Where the first run that has an owner begins, from a run's first page on; `end` if there is none. */
@@ -471,6 +473,7 @@ static void set_free(struct cache *cache, struct served *served, uint32_t index)
 	ledger_note_held(&served->ledger, index, false);
 	node->last_use = ++cache->clock;
 	list_push_back(&served->lru, &node->link);
+	recorder_node(served, TRACE_FREE, index);
 	if (!segment->draining)
 		return;
 	evict(served, index);

@@ -52,6 +52,7 @@ struct cache {
 	uint32_t store_count;
 	struct cache_calls calls;
 	void *calls_arg;
+	struct recorder *recorder; /* NULL: no trace is written */
 };
 
 void cache_init(struct cache *cache, uint64_t budget_bytes, const struct cache_calls *calls,

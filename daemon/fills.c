@@ -7,6 +7,7 @@
 #include <sys/mman.h>
 
 #include "daemon/limits.h"
+#include "daemon/recorder.h"
 #include "formats/base/check.h"
 #include "formats/base/clock.h"
 #include "formats/base/log.h"
@@ -216,6 +217,7 @@ static void fill_end(struct fill *fill, int error)
 	list_push_back(&fills->unused, &fill->link);
 	fills->count--;
 
+	recorder_node(result.served, error == 0 ? TRACE_READY : TRACE_FAIL, result.index);
 	if (error == 0) {
 		cache_end_fill(fills->cache, result.served, result.index);
 		fills->ended(fills->ended_arg, &result);
@@ -387,6 +389,7 @@ int fills_start(struct fills *fills, struct served *served, uint32_t index, uint
 		served->counters.fetches++;
 		served->counters.regrets += regretted;
 	}
+	recorder_node(served, prefetch ? TRACE_PREFETCH : TRACE_FETCH, index);
 	fill_read(fills, fill);
 	return 0;
 }

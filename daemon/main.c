@@ -46,6 +46,7 @@ static const char usage_text[] =
 	"                        share, or bytes a second and milliseconds a read, as 40M:12.5\n"
 	"  --idle-exit SECONDS   end when nobody has been connected for so long\n"
 	"  --idle-close SECONDS  close a store that nobody has had open for so long (300)\n"
+	"  --trace FILE          write what clients ask and what the cache does\n"
 	"  --verbose             say more\n"
 	"  --help, --version\n"
 	"\n"
@@ -76,6 +77,7 @@ static const struct option options[] = {
 	{ "disk", required_argument, NULL, OPTION_KEY },
 	{ "idle-exit", required_argument, NULL, OPTION_KEY },
 	{ "idle-close", required_argument, NULL, OPTION_KEY },
+	{ "trace", required_argument, NULL, OPTION_KEY },
 	{ "verbose", no_argument, NULL, OPTION_KEY },
 	{ "help", no_argument, NULL, OPTION_HELP },
 	{ "version", no_argument, NULL, OPTION_VERSION },

@@ -67,6 +67,7 @@ struct served {
 	uint64_t idle_since_ns;         /* attach_count is 0 since */
 	uint32_t logged_count;          /* lines about its nodes; bounded */
 	struct store_counters counters; /* since it was opened */
+	struct recorded *recorded;      /* in the trace; NULL: none is written (recorder.h) */
 	/* Nodes that an administrator wants resident; see residents.h. */
 	uint32_t resident_count;
 	uint32_t resident_wanted_count; /* of them without a hold yet */

@@ -14,6 +14,7 @@
 #include <time.h>
 
 #include "daemon/limits.h"
+#include "daemon/recorder.h"
 #include "daemon/server_private.h"
 #include "formats/base/check.h"
 #include "formats/base/clock.h"
@@ -102,6 +103,7 @@ static int on_tick(sd_event_source *source, uint64_t now_us, void *arg)
 	struct server *server = arg;
 	uint64_t now_ns = clock_now_ns();
 
+	recorder_tick(server->cache.recorder);
 	LIST_FOR_EACH (link, &server->sessions)
 		session_tick(LIST_ENTRY(link, struct session, link), now_ns);
 	if (!server->stopping) {
@@ -371,6 +373,12 @@ static int create_parts(struct server *server, struct why *why)
 	int r;
 
 	cache_init(&server->cache, config->cache_bytes, &cache_calls, server);
+	if (config->trace_path) {
+		r = recorder_create(config->trace_path, config->cache_bytes, "lru",
+				    &server->cache.recorder, why);
+		if (r < 0)
+			return r;
+	}
 	r = workers_create(config->worker_count, &server->workers, why);
 	if (r < 0)
 		return r;
@@ -536,6 +544,7 @@ struct server *server_destroy(struct server *server)
 	server->fills = fills_destroy(server->fills);
 	server_close_stores(server);
 	server->takeover = takeover_destroy(server->takeover);
+	server->cache.recorder = recorder_destroy(server->cache.recorder);
 	(void)sd_event_source_disable_unref(server->listen_source);
 	(void)sd_event_source_disable_unref(server->fetch_source);
 	(void)sd_event_source_disable_unref(server->workers_source);

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "daemon/limits.h"
+#include "daemon/recorder.h"
 #include "daemon/server_private.h"
 #include "formats/base/check.h"
 #include "formats/base/clock.h"
@@ -32,6 +33,7 @@ static struct served *store_find(struct server *server, dev_t device, ino_t inod
 static void store_close_served(struct server *server, struct served *served)
 {
 	cache_remove_store(&server->cache, served);
+	recorder_close(served);
 	store_counters_add(&server->closed_counters, &served->counters);
 	handover_forget_directory(served, server->epoch);
 	handover_forget_store(served);
@@ -86,6 +88,7 @@ static int store_install(struct server *server, struct served *served, struct wh
 			"%s: its file system has no direct reads: they go through the page cache",
 			served->path);
 	cache_add_store(&server->cache, served);
+	recorder_open(server->cache.recorder, served);
 	return 0;
 }
 
@@ -327,9 +330,12 @@ void server_close_stores(struct server *server)
 {
 	/* Not evicted: clients that live on draw what is there. */
 	LIST_FOR_EACH (link, &server->cache.stores) {
-		takeover_forget(LIST_ENTRY(link, struct served, link));
+		struct served *served = LIST_ENTRY(link, struct served, link);
+
+		takeover_forget(served);
 		list_remove(link);
-		served_close(LIST_ENTRY(link, struct served, link));
+		recorder_close(served);
+		served_close(served);
 	}
 }
 

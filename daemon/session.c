@@ -8,6 +8,7 @@
 
 #include "daemon/inspect.h"
 #include "daemon/limits.h"
+#include "daemon/recorder.h"
 #include "formats/base/check.h"
 #include "formats/base/clock.h"
 #include "formats/base/file.h"
@@ -647,6 +648,7 @@ int session_create(const struct session_config *config, int socket_fd, struct se
 	session->page = session->page_file.base;
 	visible_init(&session->visible, config->cache, config->fills, config->number,
 		     session->page);
+	recorder_session(session->cache->recorder, TRACE_BEGIN, session->number, 0);
 	atomic_init(&session->page->epoch, config->epoch);
 	/* A client that has just been greeted looks at it (session_tell() comes later). */
 	atomic_init(&session->page->cache_bytes, config->cache->budget_bytes);
@@ -676,6 +678,7 @@ struct session *session_destroy(struct session *session)
 	session->connection = connection_destroy(session->connection);
 	queue_entry_done(&session->queue_entry);
 	visible_done(&session->visible);
+	recorder_session(session->cache->recorder, TRACE_END, session->number, 0);
 	atomic_store_explicit(&session->page->epoch, 0, memory_order_release);
 	memfile_done(&session->page_file);
 	free(session->incoming);

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "daemon/recorder.h"
 #include "formats/base/bytes.h"
 #include "formats/base/check.h"
 
@@ -95,7 +96,12 @@ static void release(struct visible *visible, struct want *want)
 	cache_release(visible->cache, served_of(visible, want), want->node);
 }
 
-/* ---- what is counted ---- */
+/* ---- what is counted and recorded ---- */
+
+static void record(const struct visible *visible, enum trace_kind kind, const struct want *want)
+{
+	recorder_want(served_of(visible, want), kind, visible->session, want->node);
+}
 
 static struct store_counters *counters_of(const struct visible *visible, const struct want *want)
 {
@@ -108,6 +114,7 @@ static void count_want(struct visible *visible, struct want *want)
 	const struct node *node = node_of(visible, want);
 	struct store_counters *counters = counters_of(visible, want);
 
+	record(visible, node_is_ready(node) ? TRACE_HIT : TRACE_MISS, want);
 	if (!node_is_ready(node)) {
 		counters->misses++;
 		visible->counters.misses++;
@@ -179,6 +186,8 @@ static void refuse(struct visible *visible, struct want *want, enum wire_reason 
 
 	if (want->state != WANT_REFUSED || want->reason != reason)
 		count_refused(visible, want, reason);
+	if (want->state != WANT_REFUSED)
+		record(visible, TRACE_REFUSE, want);
 	unrefuse(visible, want);
 	want->reason = reason;
 	set_state(visible, want, WANT_REFUSED);
@@ -384,6 +393,7 @@ void visible_detach(struct visible *visible, uint32_t slot)
 			if (want->holding)
 				release(visible, want);
 			attachment->served->counters.dropped += want->missed;
+			record(visible, TRACE_DROP, want);
 			continue;
 		}
 		count += i < visible->count;
@@ -514,10 +524,10 @@ static uint32_t keep_retained(struct visible *visible, uint32_t total, uint64_t 
 			continue;
 		visible->attachments[old->slot]->want_of_node[old->node] = 0;
 		counters_of(visible, old)->dropped += old->missed;
-		if (!old->holding)
-			continue;
-		if (retire) {
+		if (retire && old->holding)
 			release(visible, old);
+		if (!old->holding) {
+			record(visible, TRACE_DROP, old);
 			continue;
 		}
 		next[total] = *old;
@@ -539,6 +549,7 @@ int visible_take(struct visible *visible, const struct wire_entry *entries, uint
 			return -EPROTO;
 	if (reserve_spare(visible, entry_count + visible->total) < 0)
 		return -ENOMEM;
+	recorder_session(visible->cache->recorder, TRACE_SET, visible->session, entry_count);
 	visible->count = make_wants(visible, entries, entry_count, serial, retire);
 	visible->total = keep_retained(visible, visible->count, serial, retire);
 
@@ -569,6 +580,7 @@ static void retained_remove(struct visible *visible, uint32_t index)
 	const struct want *last = &visible->wants[visible->total - 1];
 
 	CHECK(want->state == WANT_RETAINED && !want->holding);
+	record(visible, TRACE_DROP, want);
 	visible->attachments[want->slot]->want_of_node[want->node] = 0;
 	if (want != last) {
 		*want = *last;

@@ -25,6 +25,9 @@ oocd_test(test_takeover integration
 	SOURCES integration/test_takeover.c integration/manager_kit.c
 	LINK oocd_daemon_kit oocclient NEEDS oocd)
 
+oocd_test(test_daemon_trace integration SOURCES integration/test_daemon_trace.c
+	LINK oocd_daemon_kit)
+
 oocd_test(test_torn stress SOURCES stress/test_torn.c LINK oocd_daemon_kit)
 
 oocd_test(test_daemon_calls fault SOURCES fault/test_daemon_calls.c LINK oocd_core oocd_test_helper)
