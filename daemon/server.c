@@ -115,6 +115,7 @@ static int on_tick(sd_event_source *source, uint64_t now_us, void *arg)
 		/* It may have been switched off for want of descriptors. */
 		(void)sd_event_source_set_enabled(server->listen_source, SD_EVENT_ON);
 	}
+	notify_tick(&server->notify, server, now_ns);
 	server_active(server);
 	(void)sd_event_source_set_time(source, now_us + TICK_US);
 	return 0;
@@ -465,6 +466,7 @@ int server_create(const struct server_config *config, struct server **ret, struc
 	server->metrics.listener = LISTENER_NONE;
 	server->epoch = make_epoch();
 	server->start_ns = clock_now_ns();
+	notify_init(&server->notify, server->start_ns);
 	server->next_number = 1;
 	accounts_init(&server->accounts, config->policies, config->policy_count);
 	list_init(&server->sessions);

@@ -11,6 +11,7 @@
 #include "daemon/fetch.h"
 #include "daemon/fills.h"
 #include "daemon/listener.h"
+#include "daemon/notify.h"
 #include "daemon/queues.h"
 #include "daemon/residents.h"
 #include "daemon/server.h"
@@ -59,6 +60,7 @@ struct server {
 	struct store_counters closed_counters; /* of stores that are served no longer */
 	struct takeover *takeover;
 
+	struct notify notify;
 	struct metrics metrics;
 	struct accounts accounts;
 	struct list sessions;

@@ -26,7 +26,8 @@ struct worker {
 
 struct workers {
 	int event_fd;
-	uint32_t job_count; /* loop thread, as the next two */
+	uint32_t job_count; /* loop thread, as the next three */
+	uint64_t ended_count;
 	struct list gathered;
 	uint32_t gathered_count;
 	uint32_t worker_count;
@@ -225,6 +226,11 @@ uint32_t workers_count(const struct workers *workers)
 	return workers->worker_count;
 }
 
+uint64_t workers_ended_count(const struct workers *workers)
+{
+	return workers->ended_count;
+}
+
 uint32_t workers_job_count(const struct workers *workers)
 {
 	return workers->job_count;
@@ -251,6 +257,7 @@ void workers_dispatch(struct workers *workers)
 
 		list_remove(link);
 		workers->job_count--;
+		workers->ended_count++;
 		job->done(job);
 	}
 }

@@ -53,6 +53,9 @@ uint32_t workers_count(const struct workers *workers);
 /** Jobs that were added and have not come back. */
 uint32_t workers_job_count(const struct workers *workers);
 
+/** Jobs that have come back, ever. */
+uint64_t workers_ended_count(const struct workers *workers);
+
 /** Readable when workers_dispatch() has something to do. */
 int workers_fd(const struct workers *workers);
 /** Calls done() of what has come back. */

@@ -4,3 +4,11 @@ add_test(NAME integration.socket_activation
 set_tests_properties(integration.socket_activation PROPERTIES
 	LABELS integration TIMEOUT 120 SKIP_RETURN_CODE 77
 	ENVIRONMENT "OOCD_BIN=${CMAKE_BINARY_DIR}/bin;OOCD_SOURCE=${CMAKE_SOURCE_DIR}")
+
+# Units are the same whatever the compiler: once is enough, with what people run.
+if(CMAKE_C_COMPILER_ID STREQUAL "GNU" AND NOT OOCD_SANITIZE)
+	add_test(NAME systemd.units COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/systemd/units.sh
+		${CMAKE_BINARY_DIR} ${CMAKE_INSTALL_PREFIX})
+	set_tests_properties(systemd.units PROPERTIES
+		LABELS systemd TIMEOUT 120 SKIP_RETURN_CODE 77 RESOURCE_LOCK systemd)
+endif()
