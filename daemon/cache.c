@@ -123,6 +123,7 @@ static void drop_segment(struct cache *cache, struct served *served, struct segm
 	CHECK(segment->pinned_pages == 0);
 	evict_unpinned(served, segment);
 	cache->calls.gone(cache->calls_arg, served, segment);
+	cache->draining_count -= segment->draining;
 	arena_remove(&served->arena, segment->number);
 	cache->segment_bytes -= served->arena.segment_bytes;
 	cache->released_bytes += served->arena.segment_bytes;
@@ -247,6 +248,38 @@ static bool steal(struct cache *cache, struct served *served, uint64_t limit)
 	return grow(cache, served);
 }
 
+/* Nothing comes into the segment until nothing is held in it.  gone: then it is given up. */
+static void drain(struct cache *cache, struct served *served, struct segment *segment, bool gone)
+{
+	segment->draining = true;
+	segment->draining_for_good = gone;
+	cache->draining_count++;
+	cache->drain_count++;
+	/* Until its holders have been told (room.h says when that leads nowhere). */
+	cache->room_is_coming = true;
+	evict_unpinned(served, segment);
+}
+
+static void undrain(struct cache *cache, struct segment *segment)
+{
+	cache->draining_count -= segment->draining;
+	segment->draining = false;
+	segment->draining_for_good = false;
+}
+
+/* A segment that is drained has lost a hold; perhaps the last. */
+static void drained(struct cache *cache, struct served *served, struct segment *segment)
+{
+	if (segment->pinned_pages > 0)
+		return;
+	if (segment->draining_for_good) {
+		drop_segment(cache, served, segment);
+		return;
+	}
+	undrain(cache, segment);
+	cache->released_bytes += served->arena.segment_bytes;
+}
+
 /*
  * Other stores hold something in each of their segments, and this one has less than its share of
  * the budget: the segment with the fewest holds is filled no more, and given up with the last one.
@@ -274,10 +307,30 @@ static void drain_one(struct cache *cache, const struct served *for_whom)
 			victim = served;
 		}
 	}
-	if (!best)
-		return;
-	best->draining = true;
-	evict_unpinned(victim, best);
+	if (best)
+		drain(cache, victim, best, true);
+}
+
+/*
+ * Enough is free in one segment of the store, but in pieces: the one with the least that is held is
+ * drained and then filled anew, from one end.  That leaves what is free in it in one piece, so no
+ * segment is drained twice for the same want, and draining ends.
+ */
+static void compact_one(struct cache *cache, struct served *served, uint32_t pages)
+{
+	struct segment *best = NULL;
+
+	LIST_FOR_EACH (at, &served->arena.in_order) {
+		struct segment *segment = ARENA_SEGMENT(at);
+
+		if (segment->draining)
+			return;
+		if (pages_count(segment->pages) - segment->pinned_pages >= pages &&
+		    (!best || segment->pinned_pages < best->pinned_pages))
+			best = segment;
+	}
+	if (best)
+		drain(cache, served, best, false);
 }
 
 /* ---- the interface ---- */
@@ -329,7 +382,8 @@ static uint64_t staying_bytes(const struct cache *cache)
 		const struct served *served = store_of(link);
 
 		LIST_FOR_EACH (at, &served->arena.in_order)
-			bytes -= ARENA_SEGMENT(at)->draining ? served->arena.segment_bytes : 0;
+			bytes -= ARENA_SEGMENT(at)->draining_for_good ? served->arena.segment_bytes
+								      : 0;
 	}
 	return bytes;
 }
@@ -345,8 +399,7 @@ static void shrink(struct cache *cache)
 			drop_segment(cache, served, segment);
 			continue;
 		}
-		segment->draining = true;
-		evict_unpinned(served, segment);
+		drain(cache, served, segment, true);
 	}
 }
 
@@ -360,7 +413,7 @@ void cache_set_budget(struct cache *cache, uint64_t budget_bytes)
 	if (larger)
 		LIST_FOR_EACH (link, &cache->stores)
 			LIST_FOR_EACH (at, &store_of(link)->arena.in_order)
-				ARENA_SEGMENT(at)->draining = false;
+				undrain(cache, ARENA_SEGMENT(at));
 	shrink(cache);
 	/* Whoever was refused room asks again. */
 	cache->released_bytes += budget_bytes;
@@ -392,32 +445,55 @@ static void count_fragmented(const struct cache *cache, struct served *served, u
 		served->counters.fragmented++;
 }
 
-static int take_place(struct cache *cache, struct served *served, uint32_t index, struct place *ret)
+/* Was a window as long not to be found, and has nothing been let go since? */
+static bool is_known_full(const struct cache *cache, const struct served *served, uint32_t pages)
+{
+	return served->full_pages > 0 && pages >= served->full_pages &&
+	       cache->released_bytes == served->full_at_bytes;
+}
+
+/* No window is long enough.  What can be done so that there is one soon? */
+static int wait_for_room(struct cache *cache, struct served *served, uint32_t pages)
+{
+	served->full_pages = pages;
+	served->full_at_bytes = cache->released_bytes;
+	if (!cache->room_is_coming) {
+		compact_one(cache, served, pages);
+		drain_one(cache, served);
+	}
+	if (cache->room_is_coming)
+		return -EAGAIN;
+	count_fragmented(cache, served, pages);
+	return -ENOBUFS;
+}
+
+static int take_place(struct cache *cache, struct served *served, uint32_t index, bool prefetch,
+		      struct place *ret)
 {
 	uint32_t pages = served_pages(served, index);
 	struct window window = { .youngest = ARENA_NEVER };
-	int r;
+	int r = -ENOBUFS;
 
 	if (arena_take(&served->arena, pages, index, ret) == 0)
 		return 0;
 	if (served->segment_coming || grow(cache, served))
 		return -EAGAIN;
-	r = find_window(served, pages, &window);
-	if ((r < 0 || cache->clock - cache->steal_clock >= STEAL_USES) &&
-	    steal(cache, served, window.youngest))
-		return -EAGAIN;
-	if (r < 0) {
-		count_fragmented(cache, served, pages);
-		drain_one(cache, served);
-		return r;
+	if (!is_known_full(cache, served, pages)) {
+		r = find_window(served, pages, &window);
+		if ((r < 0 || cache->clock - cache->steal_clock >= STEAL_USES) &&
+		    steal(cache, served, window.youngest))
+			return -EAGAIN;
 	}
+	if (r < 0)
+		return prefetch ? r : wait_for_room(cache, served, pages);
 	evict_window(served, window);
 	r = arena_take(&served->arena, pages, index, ret);
 	CHECK(r == 0);
 	return 0;
 }
 
-int cache_begin_fill(struct cache *cache, struct served *served, uint32_t index, uint32_t fill)
+int cache_begin_fill(struct cache *cache, struct served *served, uint32_t index, uint32_t fill,
+		     bool prefetch)
 {
 	struct node *node = &served->nodes[index];
 	struct place place;
@@ -425,7 +501,7 @@ int cache_begin_fill(struct cache *cache, struct served *served, uint32_t index,
 
 	CHECK(served_has_payload(served, index));
 	CHECK(node->state == NODE_ABSENT);
-	r = take_place(cache, served, index, &place);
+	r = take_place(cache, served, index, prefetch, &place);
 	if (r < 0)
 		return r;
 	node_begin_fill(node, word_of(served, index), place, fill);
@@ -477,8 +553,7 @@ static void set_free(struct cache *cache, struct served *served, uint32_t index)
 	if (!segment->draining)
 		return;
 	evict(served, index);
-	if (segment->pinned_pages == 0)
-		drop_segment(cache, served, segment);
+	drained(cache, served, segment);
 }
 
 void cache_end_fill(struct cache *cache, struct served *served, uint32_t index)
@@ -508,8 +583,8 @@ void cache_fail_fill(struct cache *cache, struct served *served, uint32_t index,
 	unpin(cache, served, index);
 	arena_give(&served->arena, node->place);
 	served->counters.errors++;
-	if (segment->draining && segment->pinned_pages == 0)
-		drop_segment(cache, served, segment);
+	if (segment->draining)
+		drained(cache, served, segment);
 }
 
 void cache_hold(struct cache *cache, struct served *served, uint32_t index)
@@ -664,16 +739,20 @@ void cache_check(const struct cache *cache)
 {
 	uint64_t pinned_pages = 0;
 	uint64_t segment_bytes = 0;
+	uint32_t draining_count = 0;
 
 	LIST_FOR_EACH (link, &cache->stores) {
 		const struct served *served = store_of(link);
 
 		store_check(served);
+		LIST_FOR_EACH (at, &served->arena.in_order)
+			draining_count += ARENA_SEGMENT(at)->draining;
 		pinned_pages += served->pinned_pages;
 		segment_bytes += arena_bytes(&served->arena);
 		segment_bytes += served->segment_coming ? served->arena.segment_bytes : 0;
 	}
 	CHECK(cache->pinned_bytes == pinned_pages * WIRE_PAGE_BYTES);
+	CHECK(cache->draining_count == draining_count);
 	CHECK(cache->segment_bytes == segment_bytes);
 	CHECK(cache->segment_bytes <= cache->budget_bytes);
 }

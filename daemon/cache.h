@@ -48,6 +48,9 @@ struct cache {
 	uint64_t released_bytes; /* ever: grows whenever room may have appeared */
 	uint64_t clock;          /* of uses: +1 each */
 	uint64_t steal_clock;    /* when other stores were last looked at */
+	bool room_is_coming; /* holds are about to be given up: fetches wait for them (room.h) */
+	uint32_t draining_count; /* segments */
+	uint64_t drain_count;    /* segments ever drained: +1 when holders are to be told */
 	struct list stores;
 	uint32_t store_count;
 	struct cache_calls calls;
@@ -77,11 +80,18 @@ void cache_remove_store(struct cache *cache, struct served *served);
 /**
  * Gives an ABSENT node a place.
  *
- * fill:  index of who reads it.
+ * Where what is held lies so scattered that there is none, although a segment has enough pages that
+ * nobody holds, that segment is *drained*: it takes nothing in, its holders are to let go
+ * (cache_is_leaving()) and fetch what they had anew, into one piece.
  *
- * Returns: 0, -ENOBUFS (everything is held), or -EAGAIN (a segment is being made: try again then).
+ * fill:      index of who reads it.
+ * prefetch:  it is not worth draining anything for.
+ *
+ * Returns: 0, -ENOBUFS (everything is held), or -EAGAIN (a segment is being made or drained, or holds
+ *	are about to be given up: try again then).
  */
-int cache_begin_fill(struct cache *cache, struct served *served, uint32_t index, uint32_t fill);
+int cache_begin_fill(struct cache *cache, struct served *served, uint32_t index, uint32_t fill,
+		     bool prefetch);
 void cache_end_fill(struct cache *cache, struct served *served, uint32_t index);
 /** damaged: the bytes are wrong; else they could not be had.  Nobody may hold it. */
 void cache_fail_fill(struct cache *cache, struct served *served, uint32_t index, bool damaged);
@@ -108,6 +118,17 @@ void cache_release(struct cache *cache, struct served *served, uint32_t index);
 
 /** Evicts a node that is FREE.  Returns: was it? */
 bool cache_evict(struct served *served, uint32_t index);
+
+/** Does a BUSY or HELD node lie in a segment that is drained, so that its holders have to let go? */
+static inline bool cache_is_leaving(const struct cache *cache, const struct served *served,
+				    uint32_t index)
+{
+	const struct node *node = &served->nodes[index];
+
+	return cache->draining_count > 0 &&
+	       (node->state == NODE_BUSY || node->state == NODE_HELD) &&
+	       served->arena.by_number[node->place.segment]->draining;
+}
 
 /** Makes the first segment of a store before anybody waits for it. */
 void cache_warm_up(struct cache *cache, struct served *served);

@@ -370,7 +370,8 @@ int fills_start(struct fills *fills, struct served *served, uint32_t index, uint
 	if (r < 0)
 		return r;
 	fill = LIST_ENTRY(fills->unused.next, struct fill, link);
-	r = cache_begin_fill(fills->cache, served, index, (uint32_t)(fill - fills->fills));
+	r = cache_begin_fill(fills->cache, served, index, (uint32_t)(fill - fills->fills),
+			     prefetch);
 	if (r < 0) {
 		if (staging_page != NO_STAGING)
 			pages_give(fills->staging.pages, staging_page);

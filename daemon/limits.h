@@ -45,6 +45,13 @@
 /** With 1 / this of the budget unpinned, no fill shall fail for want of a long enough window. */
 #define FRAGMENTED_SHARE 20u
 
+/** How long fetches wait for holds that are about to be given up, when none is given up meanwhile. */
+#define LEAVING_MS_MAX 1000u
+/** How long a client that is asked to let go may take until it is disconnected. */
+#define LEASE_MS_USUAL 5000u
+/** A client that has been silent for so long is asked at once; others will say their set anyway. */
+#define RECALL_SILENCE_MS 50u
+
 /** Payloads being read or decoded at one time. */
 #define FILL_COUNT_MAX 256u
 /** A read is at most this long, so that what matters more overtakes quickly. */
@@ -78,6 +85,7 @@
 #define WORKER_COUNT_MAX 64u
 #define WORKER_NICE      10
 
+static_assert(FILL_COUNT_MAX < UINT16_MAX - 1, "a node names its fill");
 static_assert(SEGMENT_BYTES_MAX >= 2 * STORE_PAYLOAD_BYTES_MAX, "a segment holds any payload");
 static_assert(SEGMENT_BYTES_MAX <= GIB, "a registered buffer has at most 1 GiB");
 static_assert(SEGMENT_COUNT_MAX <= WIRE_SEGMENT_COUNT_MAX, "a word can name every segment");

@@ -80,9 +80,9 @@ enum node_state {
 	NODE_STATE_COUNT_
 };
 
-#define NODE_NO_FILL UINT32_MAX
+#define NODE_NO_FILL UINT16_MAX
 /** In place of a fill's index: a predecessor's bytes lie there and are being verified (takeover.h). */
-#define NODE_TAKEOVER (UINT32_MAX - 1)
+#define NODE_TAKEOVER (UINT16_MAX - 1)
 
 /** Does an administrator want the node to stay in the cache?  See residents.h. */
 enum residence {
@@ -93,7 +93,7 @@ enum residence {
 
 /**
  * One node, a cache line.  Read freely on the loop thread, written only by node.c, but for link,
- * last_use and what is said of its past.
+ * last_use, want_count and plan (sets) and what is said of its past.
  */
 struct node {
 	struct list link; /* served.lru, while FREE */
@@ -101,14 +101,15 @@ struct node {
 	uint64_t fill_count; /* +1 at each fill: two equal READY words mean the same bytes */
 	struct place place;  /* while BUSY, HELD, FREE */
 	uint32_t hold_count;
-	uint32_t fill; /* while BUSY */
-	enum node_state state;
-
-	uint32_t since_ds;    /* clock_now_ds() when it came in, or when it was evicted */
-	uint32_t payer;       /* session for which it was read; 0: none */
-	bool was_evicted;     /* ABSENT, and it was there once */
-	bool unused_prefetch; /* a prefetch brings it, and nobody has held it */
-	uint8_t residence;    /* enum residence */
+	uint32_t want_count; /* sets that want it, or whose clients may still draw it */
+	uint32_t plan;       /* number of the newest division of the cache that has room for it */
+	uint32_t since_ds;   /* clock_now_ds() when it came in, or when it was evicted */
+	uint32_t payer;      /* session for which it was read; 0: none */
+	uint16_t fill;       /* while BUSY */
+	enum node_state state : 8;
+	uint8_t residence : 2;    /* enum residence */
+	bool was_evicted : 1;     /* ABSENT, and it was there once */
+	bool unused_prefetch : 1; /* a prefetch brings it, and nobody has held it */
 };
 
 static_assert(sizeof(struct node) <= 64, "millions of them are walked");

@@ -34,9 +34,14 @@ static void hold(struct residents *residents, struct served *served, uint32_t in
 	served->resident_wanted_count--;
 }
 
-static bool can_be_held(const struct node *node)
+/* Is it there or on its way, and where it can stay? */
+static bool can_be_held(const struct residents *residents, const struct served *served,
+			uint32_t index)
 {
-	return node_is_ready(node) || node->state == NODE_BUSY;
+	const struct node *node = &served->nodes[index];
+
+	return (node_is_ready(node) || node->state == NODE_BUSY) &&
+	       !cache_is_leaving(residents->cache, served, index);
 }
 
 static void set_wanted(struct served *served, uint32_t index)
@@ -103,7 +108,7 @@ int residents_pin(struct residents *residents, struct served *served, const uint
 			continue;
 		if (node->residence == RESIDENCE_NONE)
 			set_wanted(served, index);
-		if (node->residence == RESIDENCE_WANTED && can_be_held(node))
+		if (node->residence == RESIDENCE_WANTED && can_be_held(residents, served, index))
 			hold(residents, served, index);
 		sum.nodes++;
 		sum.bytes += (uint64_t)served_pages(served, index) * WIRE_PAGE_BYTES;
@@ -144,7 +149,8 @@ void residents_fill_ended(struct residents *residents, const struct fill_result 
 	if (node->residence == RESIDENCE_NONE)
 		return;
 	if (result->reason == WIRE_REASON_NONE) {
-		if (node->residence == RESIDENCE_WANTED)
+		if (node->residence == RESIDENCE_WANTED &&
+		    can_be_held(residents, served, result->index))
 			hold(residents, served, result->index);
 		return;
 	}
@@ -154,8 +160,32 @@ void residents_fill_ended(struct residents *residents, const struct fill_result 
 	set_none(served, result->index);
 }
 
+/* What lies in a segment that is drained comes anew, elsewhere. */
+static void let_go(struct residents *residents, struct served *served)
+{
+	for (uint32_t i = 0; i < served->node_count && served->resident_count > 0; i++) {
+		struct node *node = &served->nodes[i];
+
+		if (node->residence != RESIDENCE_HELD ||
+		    !cache_is_leaving(residents->cache, served, i))
+			continue;
+		node->residence = RESIDENCE_WANTED;
+		served->resident_wanted_count++;
+		served->resident_next = (uint32_t)u64_min(served->resident_next, i);
+		cache_release(residents->cache, served, i);
+	}
+}
+
 void residents_retry(struct residents *residents)
 {
+	struct cache *cache = residents->cache;
+
+	if (residents->drain_count != cache->drain_count) {
+		residents->drain_count = cache->drain_count;
+		LIST_FOR_EACH (link, &cache->stores)
+			let_go(residents, LIST_ENTRY(link, struct served, link));
+		queues_add_prefetch(residents->queues, &residents->queue_entry);
+	}
 	if (residents->retry_at_bytes == 0 ||
 	    residents->cache->released_bytes < residents->retry_at_bytes)
 		return;
@@ -175,7 +205,7 @@ static bool next_of(struct residents *residents, struct served *served, struct q
 
 		if (node->residence != RESIDENCE_WANTED)
 			continue;
-		if (can_be_held(node)) {
+		if (can_be_held(residents, served, served->resident_next)) {
 			hold(residents, served, served->resident_next);
 		} else if (node->state == NODE_ABSENT) {
 			*ret = (struct queue_want){ served, served->resident_next };
@@ -207,7 +237,7 @@ static void queue_prefetch_over(void *arg)
 	struct served *served = residents->asked.served;
 	uint32_t index = residents->asked.index;
 
-	if (can_be_held(&served->nodes[index]))
+	if (can_be_held(residents, served, index))
 		hold(residents, served, index);
 	else
 		residents->retry_at_bytes = residents->cache->released_bytes +

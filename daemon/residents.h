@@ -5,6 +5,7 @@
  *	from     to       when
  *	NONE     WANTED   residents_pin
  *	WANTED   HELD     it is in the cache, or being read: it gets a hold
+ *	HELD     WANTED   its segment is drained: it is read anew
  *	HELD     NONE     residents_unpin; or its read has failed: it is not tried again
  *	WANTED   NONE     residents_unpin
  *
@@ -25,6 +26,7 @@ struct residents {
 	struct cache *cache;
 	struct queues *queues;
 	struct queue_entry queue_entry;
+	uint64_t drain_count; /* of the cache, when holds in drained segments were last given up */
 	struct queue_want asked; /* what the queue was given last */
 	uint64_t
 		retry_at_bytes; /* there was no room: until the cache has released so much; 0: there was */

@@ -58,6 +58,9 @@ struct served {
 	uint64_t held_pages;   /* of HELD ones */
 	uint64_t ready_count;  /* of HELD and FREE nodes */
 	bool segment_coming;   /* being made by a worker */
+	/* No window of so many pages was found when the cache had released so much; 0: none such. */
+	uint32_t full_pages;
+	uint64_t full_at_bytes;
 
 	int fd;
 	bool direct;   /* O_DIRECT */

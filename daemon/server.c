@@ -13,6 +13,7 @@
 #include <systemd/sd-daemon.h>
 #include <time.h>
 
+#include "daemon/division.h"
 #include "daemon/limits.h"
 #include "daemon/recorder.h"
 #include "daemon/server_private.h"
@@ -59,6 +60,7 @@ static int on_round(sd_event_source *source, void *arg)
 
 	(void)source;
 	if (!server->stopping) {
+		division_settle(&server->room);
 		LIST_FOR_EACH (link, &server->sessions)
 			session_retry(LIST_ENTRY(link, struct session, link));
 		takeover_pump(server->takeover);
@@ -104,6 +106,7 @@ static int on_tick(sd_event_source *source, uint64_t now_us, void *arg)
 	uint64_t now_ns = clock_now_ns();
 
 	recorder_tick(server->cache.recorder);
+	room_tick(&server->room, now_ns);
 	LIST_FOR_EACH (link, &server->sessions)
 		session_tick(LIST_ENTRY(link, struct session, link), now_ns);
 	if (!server->stopping) {
@@ -232,12 +235,14 @@ static void add_client(struct server *server, int fd)
 	struct session_config config = {
 		.calls = &session_calls,
 		.calls_arg = server,
-		.cache = &server->cache,
+		.room = &server->room,
 		.queues = &server->queues,
 		.fills = server->fills,
 		.event = server->event,
 		.number = server->next_number,
 		.epoch = server->epoch,
+		.lease_ns = (server->config.lease_ms ? server->config.lease_ms : LEASE_MS_USUAL) *
+			    NS_PER_MS,
 	};
 	struct session *session;
 	struct why why;
@@ -374,6 +379,7 @@ static int create_parts(struct server *server, struct why *why)
 	int r;
 
 	cache_init(&server->cache, config->cache_bytes, &cache_calls, server);
+	room_init(&server->room, &server->cache);
 	if (config->trace_path) {
 		r = recorder_create(config->trace_path, config->cache_bytes, "lru",
 				    &server->cache.recorder, why);

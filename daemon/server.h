@@ -29,7 +29,8 @@ struct server_config {
 	enum fetch_kind fetch_kind;
 	struct fetch_sim sim;
 	const struct disk_profile *disk; /* see fetch_config */
-	uint64_t idle_exit_s;  /* ends when nobody has been connected for so long; 0: never */
+	uint64_t idle_exit_s; /* ends when nobody has been connected for so long; 0: never */
+	uint64_t lease_ms;    /* that a client may hold what others need without a word; 0: usual */
 	uint64_t idle_close_s; /* closes a store that nobody has had open for so long */
 
 	struct list *kept_stores; /* of handover_collect(): taken over; NULL: none */

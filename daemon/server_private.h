@@ -52,6 +52,7 @@ struct server {
 	sd_event_source *tick_source;
 
 	struct cache cache;
+	struct room room;
 	struct fetch *fetch;
 	struct workers *workers;
 	struct fills *fills;

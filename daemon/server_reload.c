@@ -64,8 +64,7 @@ static void take_cache_size(struct server *server, uint64_t cache_bytes)
 		return;
 	server->config.cache_bytes = cache_bytes;
 	cache_set_budget(&server->cache, cache_bytes);
-	LIST_FOR_EACH (link, &server->sessions)
-		visible_room_changed(&LIST_ENTRY(link, struct session, link)->visible);
+	room_note_change(&server->room);
 }
 
 static bool is_named(const struct server_config *config, const char *path)

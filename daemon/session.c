@@ -147,8 +147,8 @@ void session_tell_segment_gone(struct session *session, const struct served *ser
 
 static bool is_owed(const struct session *session)
 {
-	return session->visible.untold_count > 0 || session->question != 0 ||
-	       (session->events && session->visible.changed);
+	return session->visible.untold_count > 0 || session->recall_owed ||
+	       session->question != 0 || (session->events && session->visible.changed);
 }
 
 static void send_refusals(struct session *session)
@@ -211,6 +211,15 @@ static void send_nodes(struct session *session)
 	(void)send_message(session, message, message->header.bytes, NULL, 0);
 }
 
+static void send_recall(struct session *session)
+{
+	struct wire_recall message = { .serial = session->visible.serial };
+
+	wire_header_init(&message.header, WIRE_RECALL, sizeof(message));
+	session->recall_owed = false;
+	(void)send_message(session, &message, sizeof(message), NULL, 0);
+}
+
 static void send_event(struct session *session)
 {
 	const struct visible *visible = &session->visible;
@@ -243,6 +252,8 @@ static void pump(struct session *session)
 		if (session->visible.untold_count > 0) {
 			send_refusals(session);
 			visible_settle(&session->visible);
+		} else if (session->recall_owed) {
+			send_recall(session);
 		} else if (session->events && session->visible.changed) {
 			send_event(session);
 		} else if (session->text) {
@@ -391,7 +402,7 @@ static void on_prefetch(struct session *session, const struct wire_prefetch *pre
 	       session->prefetch_count * sizeof(*session->prefetch));
 	session->prefetch_next = 0;
 	session->account->prefetch_count += session->prefetch_count;
-	session->prefetch_bytes = session->cache->budget_bytes / PREFETCH_SHARE;
+	session->prefetch_bytes = session->room->cache->budget_bytes / PREFETCH_SHARE;
 	queues_add_prefetch(session->queues, &session->queue_entry);
 	session->calls->active(session->calls_arg);
 }
@@ -438,6 +449,57 @@ static void on_status(struct session *session, const struct wire_status *status)
 	pump(session);
 }
 
+/* ---- leases ---- */
+
+static void recall(struct session *session, uint64_t now_ns)
+{
+	session->recalled_ns = now_ns;
+	session->recalled_gave = session->visible.given_up_count;
+	session->recall_owed = true;
+}
+
+/* The client has spoken.  That is an answer if it holds on to nothing, or has given some of it back. */
+static void lease_heard(struct session *session)
+{
+	const struct visible *visible = &session->visible;
+
+	if (visible->revoked_count == 0 || visible->given_up_count != session->recalled_gave)
+		session->recalled_ns = 0;
+}
+
+/* Asks at once where nothing that the client says by itself can be waited for. */
+static void lease_tell(struct session *session)
+{
+	const struct visible *visible = &session->visible;
+	uint64_t now_ns;
+
+	if (visible->revoked_count == 0 || !visible->quiet || session->recalled_ns > 0)
+		return;
+	now_ns = clock_now_ns();
+	if (now_ns - session->heard_ns > RECALL_SILENCE_MS * NS_PER_MS)
+		recall(session, now_ns);
+}
+
+static void lease_tick(struct session *session, uint64_t now_ns)
+{
+	const struct visible *visible = &session->visible;
+
+	if (visible->held_count == 0 ||
+	    (visible->revoked_count == 0 && !room_is_tight(session->room))) {
+		session->recalled_ns = 0;
+		return;
+	}
+	if (session->recalled_ns == 0) {
+		if (now_ns - session->heard_ns > session->lease_ns / 2)
+			recall(session, now_ns);
+	} else if (now_ns - session->recalled_ns > session->lease_ns) {
+		connection_break(session->connection, -ETIMEDOUT,
+				 "it does not let go of what others need");
+	}
+}
+
+/* ---- all messages ---- */
+
 static void on_message(void *arg, const void *message, const int *fds, size_t fd_count)
 {
 	struct session *session = arg;
@@ -449,6 +511,7 @@ static void on_message(void *arg, const void *message, const int *fds, size_t fd
 		reject(session, (uint16_t)type, -EPROTO, "HELLO comes first, and once");
 		return;
 	}
+	session->heard_ns = clock_now_ns();
 	switch (type) {
 	case WIRE_HELLO:
 		on_hello(session, message);
@@ -484,10 +547,12 @@ static void on_message(void *arg, const void *message, const int *fds, size_t fd
 	case WIRE_TEXT:
 	case WIRE_ERROR:
 	case WIRE_NODES:
+	case WIRE_RECALL:
 		/* wire_check() lets none of these through from a client. */
 		CHECK(false);
 		break;
 	}
+	lease_heard(session);
 }
 
 /* ---- what is told in a round ---- */
@@ -511,8 +576,9 @@ void session_tell(struct session *session, uint64_t used_bytes)
 	if (visible_wants_quiet(&session->visible) && connection_is_quiet(session->connection))
 		visible_note_quiet(&session->visible);
 	visible_settle(&session->visible);
+	lease_tell(session);
 	pump(session);
-	atomic_store_explicit(&page->cache_bytes, session->cache->budget_bytes,
+	atomic_store_explicit(&page->cache_bytes, session->room->cache->budget_bytes,
 			      memory_order_relaxed);
 	atomic_store_explicit(&page->cache_used_bytes, used_bytes, memory_order_relaxed);
 }
@@ -539,6 +605,7 @@ void session_tick(struct session *session, uint64_t now_ns)
 	if (session->owed_since_ns > 0 &&
 	    now_ns - session->owed_since_ns > STALL_SECONDS_MAX * NS_PER_S)
 		connection_break(session->connection, -EAGAIN, "it does not read what it is sent");
+	lease_tick(session, now_ns);
 }
 
 /* ---- queues ---- */
@@ -631,7 +698,9 @@ int session_create(const struct session_config *config, int socket_fd, struct se
 	list_init(&session->link);
 	session->calls = config->calls;
 	session->calls_arg = config->calls_arg;
-	session->cache = config->cache;
+	session->room = config->room;
+	session->lease_ns = config->lease_ns;
+	session->heard_ns = clock_now_ns();
 	session->queues = config->queues;
 	session->account = config->account;
 	session->number = config->number;
@@ -646,12 +715,12 @@ int session_create(const struct session_config *config, int socket_fd, struct se
 		return r;
 	}
 	session->page = session->page_file.base;
-	visible_init(&session->visible, config->cache, config->fills, config->number,
-		     session->page);
-	recorder_session(session->cache->recorder, TRACE_BEGIN, session->number, 0);
+	visible_init(&session->visible, config->room, config->account, config->fills,
+		     config->number, session->page);
+	recorder_session(session->room->cache->recorder, TRACE_BEGIN, session->number, 0);
 	atomic_init(&session->page->epoch, config->epoch);
 	/* A client that has just been greeted looks at it (session_tell() comes later). */
-	atomic_init(&session->page->cache_bytes, config->cache->budget_bytes);
+	atomic_init(&session->page->cache_bytes, config->room->cache->budget_bytes);
 	r = memfile_publish(&session->page_file, MEMFILE_CHANGING, why);
 	if (r < 0)
 		(void)fd_close(socket_fd);
@@ -678,7 +747,7 @@ struct session *session_destroy(struct session *session)
 	session->connection = connection_destroy(session->connection);
 	queue_entry_done(&session->queue_entry);
 	visible_done(&session->visible);
-	recorder_session(session->cache->recorder, TRACE_END, session->number, 0);
+	recorder_session(session->room->cache->recorder, TRACE_END, session->number, 0);
 	atomic_store_explicit(&session->page->epoch, 0, memory_order_release);
 	memfile_done(&session->page_file);
 	free(session->incoming);

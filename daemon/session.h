@@ -5,11 +5,17 @@
  *	from      to        when
  *	GREETING  READY     HELLO of our version
  *	GREETING  (gone)    anything else, or nothing for HELLO_SECONDS_MAX
- *	READY     (gone)    hang-up, death, a broken rule, or owed messages unread for too long
+ *	READY     (gone)    hang-up, death, a broken rule, owed messages unread for too long, or no
+ *	                    answer to RECALL
  *
  * What a client is owed (refusals, an answer, an event) is not queued: it is found out when the
  * socket has room, so that a client that reads slowly gets fewer and newer messages, and one that
  * does not read costs nothing.
+ *
+ * Holds are leases.  A client that holds what others may have is asked for its set again (RECALL) when
+ * it does not say it anyway; a client that has said nothing for half its lease while more is wanted
+ * than fits is asked as well.  Who gives nothing back and does not answer for a whole lease is
+ * disconnected.  While there is room for all nobody is asked anything.
  *
  * Threads: loop thread.
  */
@@ -64,7 +70,7 @@ struct session {
 	const struct session_calls *calls;
 	void *calls_arg;
 	struct account *account; /* of its user */
-	struct cache *cache;
+	struct room *room;
 	struct queues *queues;
 	uint64_t epoch;
 	uint64_t born_ns;
@@ -97,18 +103,25 @@ struct session {
 	uint32_t nodes_store;
 	uint32_t nodes_first;
 	uint64_t owed_since_ns; /* 0: nothing waits for room in the socket */
+
+	uint64_t lease_ns;
+	uint64_t heard_ns;      /* its last message */
+	uint64_t recalled_ns;   /* asked to let go, and has not answered; 0: no */
+	uint64_t recalled_gave; /* visible.given_up_count then */
+	bool recall_owed;
 };
 
 struct session_config {
 	const struct session_calls *calls;
 	void *calls_arg;
 	struct account *account; /* joined; left by the session's owner after session_destroy() */
-	struct cache *cache;
+	struct room *room;
 	struct queues *queues;
 	struct fills *fills;
 	sd_event *event;
 	uint32_t number;
 	uint64_t epoch;
+	uint64_t lease_ns; /* that a client has to answer RECALL */
 };
 
 /** socket_fd: taken over, whatever happens.  Returns: 0 or -errno. */
@@ -138,7 +151,7 @@ void session_retry(struct session *session);
 /** After them: tells what is owed, and what the page tells.  used_bytes: of the cache. */
 void session_tell(struct session *session, uint64_t used_bytes);
 
-/** Once a while: drops a client that does not greet or does not read. */
+/** Once a while: asks for what others need; drops a client that does not greet, read or answer. */
 void session_tick(struct session *session, uint64_t now_ns);
 
 #endif /* DAEMON_SESSION_H */

@@ -1,319 +1,26 @@
 /* SPDX-License-Identifier: MIT */
-#include "daemon/visible.h"
+#include "daemon/visible_private.h"
 
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "daemon/recorder.h"
 #include "formats/base/bytes.h"
 #include "formats/base/check.h"
 
-void visible_init(struct visible *visible, struct cache *cache, struct fills *fills,
-		  uint32_t session, struct wire_session_page *page)
+void visible_init(struct visible *visible, struct room *room, struct account *account,
+		  struct fills *fills, uint32_t session, struct wire_session_page *page)
 {
 	*visible = (struct visible){
-		.cache = cache,
+		.room = room,
+		.cache = room->cache,
+		.account = account,
 		.fills = fills,
 		.session = session,
 		.page = page,
 	};
-}
-
-static struct served *served_of(const struct visible *visible, const struct want *want)
-{
-	return visible->attachments[want->slot]->served;
-}
-
-static struct node *node_of(const struct visible *visible, const struct want *want)
-{
-	return &served_of(visible, want)->nodes[want->node];
-}
-
-static uint32_t pages_of(const struct visible *visible, const struct want *want)
-{
-	return served_pages(served_of(visible, want), want->node);
-}
-
-/* ---- grants and holds ---- */
-
-/*
- * A grant says that the node is READY and stays so: it is set when there is a hold and the bytes are
- * there, both.  (Were it set with the hold of a BUSY node, a client could read it, the fill fail and
- * the hold go, another session bring the node in, and the client read READY then.)
- *
- * Clearing is relaxed: a client believes a grant only after it has read `acknowledged`, which is
- * written with release after them (visible_take).  Setting comes after the fence of the node's word
- * (node_set_state), so that whoever reads the grant also reads that word, or a newer one.
- */
-static void grant_set(struct visible *visible, const struct want *want, bool granted)
-{
-	struct wire_grants *grants = visible->attachments[want->slot]->grants;
-	uint64_t bit = UINT64_C(1) << (want->node % 64);
-	uint64_t word = atomic_load_explicit(&grants->words[want->node / 64], memory_order_relaxed);
-
-	if (visible->frozen)
-		return;
-	word = granted ? word | bit : word & ~bit;
-	atomic_store_explicit(&grants->words[want->node / 64], word, memory_order_relaxed);
-}
-
-static void hold(struct visible *visible, struct want *want)
-{
-	CHECK(!want->holding);
-	cache_hold(visible->cache, served_of(visible, want), want->node);
-	want->holding = true;
-	visible->held_count++;
-	visible->held_pages += pages_of(visible, want);
-	if (node_of(visible, want)->state == NODE_BUSY)
-		fills_upgrade(visible->fills, served_of(visible, want), want->node);
-}
-
-static void set_revoked(struct visible *visible, struct want *want, bool revoked)
-{
-	if (want->revoked == revoked)
-		return;
-	want->revoked = revoked;
-	visible->revoked_count += revoked ? 1 : -1u;
-	if (revoked)
-		visible->quiet = false;
-}
-
-static void release(struct visible *visible, struct want *want)
-{
-	CHECK(want->holding);
-	grant_set(visible, want, false);
-	/*
-	 * The cleared grant must be seen by whoever sees what is done to the place after this.
-	 * Pairs with the acquire loads of the directory's word and of `acknowledged` in
-	 * libclient/client_view.c.
-	 */
-	atomic_thread_fence(memory_order_release);
-	want->holding = false;
-	set_revoked(visible, want, false);
-	visible->held_count--;
-	visible->held_pages -= pages_of(visible, want);
-	cache_release(visible->cache, served_of(visible, want), want->node);
-}
-
-/* ---- what is counted and recorded ---- */
-
-static void record(const struct visible *visible, enum trace_kind kind, const struct want *want)
-{
-	recorder_want(served_of(visible, want), kind, visible->session, want->node);
-}
-
-static struct store_counters *counters_of(const struct visible *visible, const struct want *want)
-{
-	return &served_of(visible, want)->counters;
-}
-
-/* A node that the set has begun to want. */
-static void count_want(struct visible *visible, struct want *want)
-{
-	const struct node *node = node_of(visible, want);
-	struct store_counters *counters = counters_of(visible, want);
-
-	record(visible, node_is_ready(node) ? TRACE_HIT : TRACE_MISS, want);
-	if (!node_is_ready(node)) {
-		counters->misses++;
-		visible->counters.misses++;
-		want->missed = true;
-		return;
-	}
-	counters->hits++;
-	visible->counters.hits++;
-	counters->prefetch_hits += node->unused_prefetch;
-	if (node->payer != 0 && node->payer != visible->session) {
-		counters->shared_hits++;
-		debts_add(&visible->debts, node->payer);
-	}
-}
-
-/* A missed node is there, or on its way by a read that was begun for somebody else. */
-static void count_joined(struct visible *visible, struct want *want)
-{
-	const struct node *node = node_of(visible, want);
-
-	if (!want->missed)
-		return;
-	want->missed = false;
-	counters_of(visible, want)->joined++;
-	if (node->payer != 0 && node->payer != visible->session)
-		debts_add(&visible->debts, node->payer);
-}
-
-static void count_refused(struct visible *visible, struct want *want, enum wire_reason reason)
-{
-	struct store_counters *counters = counters_of(visible, want);
-
-	counters->refusals[reason]++;
-	visible->counters.refused++;
-	counters->refused += want->missed;
-	want->missed = false;
-}
-
-/* ---- states ---- */
-
-static void set_state(struct visible *visible, struct want *want, enum want_state state)
-{
-	visible->counts[want->state]--;
-	visible->counts[state]++;
-	if (want->state != state)
-		visible->changed = true;
-	want->state = state;
-}
-
-/* A refusal that ends by itself when others let go. */
-static bool is_for_room(enum wire_reason reason)
-{
-	return reason == WIRE_REASON_FULL || reason == WIRE_REASON_NO_MEMORY;
-}
-
-/* The want leaves the state that it is in, which may be REFUSED. */
-static void unrefuse(struct visible *visible, struct want *want)
-{
-	if (want->state != WANT_REFUSED)
-		return;
-	visible->untold_count -= want->told != want->reason;
-	visible->full_count -= is_for_room(want->reason);
-	want->reason = WIRE_REASON_NONE;
-}
-
-static void refuse(struct visible *visible, struct want *want, enum wire_reason reason)
-{
-	uint32_t index = (uint32_t)(want - visible->wants);
-
-	if (want->state != WANT_REFUSED || want->reason != reason)
-		count_refused(visible, want, reason);
-	if (want->state != WANT_REFUSED)
-		record(visible, TRACE_REFUSE, want);
-	unrefuse(visible, want);
-	want->reason = reason;
-	set_state(visible, want, WANT_REFUSED);
-	visible->untold_count += want->told != reason;
-	visible->full_count += is_for_room(reason);
-	if (want->told != reason && index < visible->next_untold)
-		visible->next_untold = index;
-}
-
-/* By what the node is now: the want has room, and no hold or one that stays. */
-static void admit_one(struct visible *visible, struct want *want)
-{
-	struct node *node = node_of(visible, want);
-
-	set_revoked(visible, want, false);
-	if (!want->holding && node->state != NODE_ABSENT)
-		hold(visible, want);
-	if (node->state == NODE_HELD)
-		grant_set(visible, want, true);
-	if (node->state == NODE_ABSENT) {
-		uint32_t index = (uint32_t)(want - visible->wants);
-
-		if (!want->missed)
-			counters_of(visible, want)->retries++;
-		want->missed = true;
-		unrefuse(visible, want);
-		set_state(visible, want, WANT_QUEUED);
-		if (index < visible->next_queued)
-			visible->next_queued = index;
-	} else {
-		count_joined(visible, want);
-		unrefuse(visible, want);
-		set_state(visible, want, node->state == NODE_BUSY ? WANT_WAITING : WANT_DRAWABLE);
-	}
-}
-
-static void revoke(struct visible *visible, struct want *want)
-{
-	if (want->revoked)
-		return;
-	grant_set(visible, want, false);
-	set_revoked(visible, want, true);
-	counters_of(visible, want)->revocations++;
-	visible->counters.revocations++;
-}
-
-/* Pages that only this session keeps from being evicted, or would. */
-static uint32_t cost_of(const struct visible *visible, const struct want *want)
-{
-	uint32_t own_holds = want->holding ? 1 : 0;
-
-	/* What is on its way is counted as pinned already, whoever asked for it. */
-	if (!want->holding && node_of(visible, want)->state == NODE_BUSY)
-		return 0;
-	return node_of(visible, want)->hold_count == own_holds ? pages_of(visible, want) : 0;
-}
-
-/*
- * Walks the set from its most important node and gives each a state.  Hits are held and granted
- * here, at once; misses wait for the disk: that is how hits overtake misses.
- */
-static void admit(struct visible *visible)
-{
-	const struct cache *cache = visible->cache;
-	uint64_t pinned_pages = cache->pinned_bytes / WIRE_PAGE_BYTES;
-	uint64_t room_pages = cache_room_bytes(cache) / WIRE_PAGE_BYTES;
-	uint64_t own_pages = 0;
-	uint64_t sum_pages = 0;
-	uint64_t need_pages = 0;
-
-	for (uint32_t i = 0; i < visible->total; i++) {
-		const struct want *want = &visible->wants[i];
-
-		if (want->holding)
-			own_pages += cost_of(visible, want);
-		if (want->holding && want->state == WANT_RETAINED)
-			sum_pages += cost_of(visible, want);
-	}
-	CHECK(own_pages <= pinned_pages);
-	room_pages -= u64_min(room_pages, pinned_pages - own_pages + visible->unusable_pages);
-
-	for (uint32_t i = 0; i < visible->count; i++) {
-		struct want *want = &visible->wants[i];
-		uint32_t cost_pages = cost_of(visible, want);
-
-		if (node_of(visible, want)->state == NODE_DAMAGED) {
-			refuse(visible, want, WIRE_REASON_DAMAGED);
-			continue;
-		}
-		/* A device that has failed is asked again when the node was not wanted for a set. */
-		if (want->state == WANT_REFUSED && !is_for_room(want->reason))
-			continue;
-		if (need_pages == 0 && sum_pages + cost_pages <= room_pages) {
-			sum_pages += cost_pages;
-			admit_one(visible, want);
-		} else if (cost_pages == 0) {
-			admit_one(visible, want);
-		} else {
-			if (want->holding)
-				revoke(visible, want);
-			refuse(visible, want, WIRE_REASON_FULL);
-			if (need_pages == 0)
-				need_pages = cost_pages;
-		}
-	}
-	visible->retry_at_bytes = cache->released_bytes + u64_max(need_pages, 1) * WIRE_PAGE_BYTES;
-	if (need_pages == 0)
-		visible->unusable_pages = 0;
-}
-
-/*
- * There was no place for a want although the sum allowed it.  What is free now is known to be of no
- * use, and the set is admitted again within the rest, which revokes holds from its end: more
- * important wants must not starve behind hits that are held at once.
- */
-static void refuse_for_place(struct visible *visible, uint32_t index)
-{
-	const struct cache *cache = visible->cache;
-	uint64_t unusable_pages = (cache->budget_bytes - cache->pinned_bytes) / WIRE_PAGE_BYTES;
-
-	if (unusable_pages > visible->unusable_pages) {
-		visible->unusable_pages = unusable_pages;
-		admit(visible);
-	}
-	refuse(visible, &visible->wants[index],
-	       cache->short_since_ns > 0 ? WIRE_REASON_NO_MEMORY : WIRE_REASON_FULL);
+	list_init(&visible->claim_link);
+	list_push_back(&room->sets, &visible->link);
 }
 
 /* ---- stores ---- */
@@ -373,7 +80,7 @@ static void recount(struct visible *visible)
 		if (want->state != WANT_REFUSED)
 			continue;
 		visible->untold_count += want->told != want->reason;
-		visible->full_count += is_for_room(want->reason);
+		visible->full_count += visible_is_for_room(want->reason);
 	}
 }
 
@@ -391,9 +98,10 @@ void visible_detach(struct visible *visible, uint32_t slot)
 
 		if (want->slot == slot) {
 			if (want->holding)
-				release(visible, want);
+				want_release(visible, want);
 			attachment->served->counters.dropped += want->missed;
-			record(visible, TRACE_DROP, want);
+			want_record(visible, TRACE_DROP, want);
+			want_count_out(visible, want);
 			continue;
 		}
 		count += i < visible->count;
@@ -402,6 +110,7 @@ void visible_detach(struct visible *visible, uint32_t slot)
 	visible->total = total;
 	visible->count = count;
 	recount(visible);
+	room_note_change(visible->room);
 	visible->changed = true;
 	visible->attachments[slot] = NULL;
 	visible->attached &= ~(UINT64_C(1) << slot);
@@ -417,6 +126,7 @@ void visible_done(struct visible *visible)
 		if (visible->attachments[slot])
 			visible_detach(visible, slot);
 	CHECK(visible->held_count == 0 && visible->held_pages == 0);
+	list_remove(&visible->link);
 	free(visible->wants);
 	free(visible->spare);
 	visible->wants = NULL;
@@ -464,12 +174,13 @@ static struct want make_want(struct visible *visible, const struct wire_entry *e
 	};
 
 	if (!before) {
-		count_want(visible, &want);
+		want_count_new(visible, &want);
+		want_count_in(visible, &want);
 		return want;
 	}
 	/* The set came after the socket was quiet, so it was sent after the grants were cleared. */
 	if (before->revoked && retire && visible->quiet)
-		release(visible, before);
+		want_release(visible, before);
 	want.holding = before->holding;
 	want.revoked = before->revoked;
 	want.missed = before->missed;
@@ -486,12 +197,15 @@ static struct want make_want(struct visible *visible, const struct wire_entry *e
 /*
  * want_of_node leads to a node's place in the old array, or in the new one once it is there.  The
  * new one is looked at first: where it has the node at that place, it is a second mention.
+ *
+ * ret_same:  the set is the one before, said again, and nothing was retained.
  */
 static uint32_t make_wants(struct visible *visible, const struct wire_entry *entries,
-			   uint32_t entry_count, uint64_t serial, bool retire)
+			   uint32_t entry_count, uint64_t serial, bool retire, bool *ret_same)
 {
 	struct want *next = visible->spare;
 	uint32_t count = 0;
+	bool same = true;
 
 	for (uint32_t i = 0; i < entry_count; i++) {
 		const struct wire_entry *entry = &entries[i];
@@ -504,11 +218,13 @@ static uint32_t make_wants(struct visible *visible, const struct wire_entry *ent
 			continue;
 		if (*want_of_node > 0)
 			before = &visible->wants[at];
+		same = same && before && at == count;
 		next[count] = make_want(visible, entry, before, serial, retire);
 		if (before)
 			before->serial = serial;
 		*want_of_node = ++count;
 	}
+	*ret_same = same && count == visible->total;
 	return count;
 }
 
@@ -523,11 +239,13 @@ static uint32_t keep_retained(struct visible *visible, uint32_t total, uint64_t 
 		if (old->serial == serial)
 			continue;
 		visible->attachments[old->slot]->want_of_node[old->node] = 0;
-		counters_of(visible, old)->dropped += old->missed;
+		visible_counters_of(visible, old)->dropped += old->missed;
+		old->missed = false;
 		if (retire && old->holding)
-			release(visible, old);
+			want_release(visible, old);
 		if (!old->holding) {
-			record(visible, TRACE_DROP, old);
+			want_record(visible, TRACE_DROP, old);
+			want_count_out(visible, old);
 			continue;
 		}
 		next[total] = *old;
@@ -542,6 +260,8 @@ int visible_take(struct visible *visible, const struct wire_entry *entries, uint
 {
 	struct want *wants = visible->wants;
 	uint32_t capacity = visible->capacity;
+	struct room *room = visible->room;
+	bool same;
 
 	CHECK(serial > visible->serial);
 	for (uint32_t i = 0; i < entry_count; i++)
@@ -550,7 +270,7 @@ int visible_take(struct visible *visible, const struct wire_entry *entries, uint
 	if (reserve_spare(visible, entry_count + visible->total) < 0)
 		return -ENOMEM;
 	recorder_session(visible->cache->recorder, TRACE_SET, visible->session, entry_count);
-	visible->count = make_wants(visible, entries, entry_count, serial, retire);
+	visible->count = make_wants(visible, entries, entry_count, serial, retire, &same);
 	visible->total = keep_retained(visible, visible->count, serial, retire);
 
 	visible->wants = visible->spare;
@@ -559,9 +279,13 @@ int visible_take(struct visible *visible, const struct wire_entry *entries, uint
 	visible->spare_capacity = capacity;
 	visible->serial = serial;
 	visible->counters.sets++;
-	visible->full_pages = 0;
 	recount(visible);
-	admit(visible);
+	if (!same)
+		room_note_change(room);
+	/* Where more is wanted than fits, all sets are looked at together (division.h). */
+	visible->undecided = room->changed && (room->divided || room_is_tight(room));
+	if (!visible->undecided)
+		visible_admit(visible);
 	visible->changed = true;
 	/*
 	 * Pairs with the acquire load of `acknowledged` in libclient/client_view.c: whoever reads the
@@ -580,8 +304,10 @@ static void retained_remove(struct visible *visible, uint32_t index)
 	const struct want *last = &visible->wants[visible->total - 1];
 
 	CHECK(want->state == WANT_RETAINED && !want->holding);
-	record(visible, TRACE_DROP, want);
+	want_record(visible, TRACE_DROP, want);
 	visible->attachments[want->slot]->want_of_node[want->node] = 0;
+	want_count_out(visible, want);
+	room_note_change(visible->room);
 	if (want != last) {
 		*want = *last;
 		visible->attachments[want->slot]->want_of_node[want->node] = index + 1;
@@ -600,7 +326,7 @@ void visible_retire(struct visible *visible, uint64_t serial)
 
 		if (!revoked && !(retained && want->serial < serial))
 			continue;
-		release(visible, want);
+		want_release(visible, want);
 		if (retained)
 			retained_remove(visible, i);
 	}
@@ -614,41 +340,28 @@ void visible_note_quiet(struct visible *visible)
 
 void visible_retry(struct visible *visible)
 {
-	if (visible->full_count == 0 || visible->cache->released_bytes < visible->retry_at_bytes)
-		return;
-	/* What was let go may lie where it joins something. */
-	visible->unusable_pages -= (visible->unusable_pages + 3) / 4;
-	admit(visible);
-}
-
-void visible_room_changed(struct visible *visible)
-{
-	visible->unusable_pages = 0;
-	admit(visible);
+	if (visible->full_count > 0 && visible->cache->released_bytes >= visible->retry_at_bytes)
+		visible_admit(visible);
 }
 
 bool visible_next(struct visible *visible, struct queue_want *ret)
 {
-	const struct cache *cache = visible->cache;
-
 	/* Each turn takes a want out of QUEUED; only one that is not QUEUED is passed. */
-	while (visible->next_queued < visible->count) {
+	while (!visible->undecided && visible->next_queued < visible->count) {
 		struct want *want = &visible->wants[visible->next_queued];
-		enum node_state state = node_of(visible, want)->state;
+		struct served *served = visible_served_of(visible, want);
+		enum node_state state = visible_node_of(visible, want)->state;
 
 		if (want->state != WANT_QUEUED) {
 			visible->next_queued++;
 		} else if (state == NODE_DAMAGED) {
-			refuse(visible, want, WIRE_REASON_DAMAGED);
+			want_refuse(visible, want, WIRE_REASON_DAMAGED);
+		} else if (cache_is_leaving(visible->cache, served, want->node)) {
+			return false;
 		} else if (state != NODE_ABSENT) {
-			admit_one(visible, want);
-		} else if (visible->full_pages > 0 &&
-			   cache->released_bytes == visible->full_at_bytes &&
-			   pages_of(visible, want) >= visible->full_pages) {
-			/* Nothing was let go since a place for as much was not to be found. */
-			refuse_for_place(visible, visible->next_queued);
+			want_admit(visible, want);
 		} else {
-			*ret = (struct queue_want){ served_of(visible, want), want->node };
+			*ret = (struct queue_want){ served, want->node };
 			return true;
 		}
 	}
@@ -661,17 +374,20 @@ void visible_begun(struct visible *visible, const struct queue_want *asked, int 
 	const struct cache *cache = visible->cache;
 
 	CHECK(want->state == WANT_QUEUED);
-	CHECK(served_of(visible, want) == asked->served && want->node == asked->index);
+	CHECK(visible_served_of(visible, want) == asked->served && want->node == asked->index);
 	if (error == 0) {
 		visible->counters.fetches++;
 		want->missed = false;
-		admit_one(visible, want);
+		want_admit(visible, want);
 		return;
 	}
-	visible->full_pages = pages_of(visible, want);
-	visible->full_at_bytes = cache->released_bytes;
-	visible->retry_at_bytes = cache->released_bytes + visible->full_pages * WIRE_PAGE_BYTES;
-	refuse(visible, want, cache->short_since_ns > 0 ? WIRE_REASON_NO_MEMORY : WIRE_REASON_FULL);
+	visible->retry_at_bytes =
+		u64_min(visible->retry_at_bytes,
+			cache->released_bytes +
+				(uint64_t)WIRE_PAGE_BYTES * visible_pages_of(visible, want));
+	want_refuse(visible, want,
+		    cache->short_since_ns > 0 ? WIRE_REASON_NO_MEMORY : WIRE_REASON_FULL);
+	room_note_no_place(visible->room);
 }
 
 static void want_fill_ended(struct visible *visible, struct want *want, enum wire_reason reason)
@@ -680,13 +396,13 @@ static void want_fill_ended(struct visible *visible, struct want *want, enum wir
 
 	if (reason == WIRE_REASON_NONE) {
 		if (waits)
-			admit_one(visible, want);
+			want_admit(visible, want);
 		return;
 	}
 	if (want->holding)
-		release(visible, want);
+		want_release(visible, want);
 	if (waits)
-		refuse(visible, want, reason);
+		want_refuse(visible, want, reason);
 	if (want->state == WANT_RETAINED)
 		retained_remove(visible, (uint32_t)(want - visible->wants));
 }
@@ -746,7 +462,7 @@ static void want_check(const struct visible *visible, uint32_t index)
 {
 	const struct want *want = &visible->wants[index];
 	const struct wire_grants *grants = visible->attachments[want->slot]->grants;
-	enum node_state state = node_of(visible, want)->state;
+	enum node_state state = visible_node_of(visible, want)->state;
 	uint64_t word = atomic_load_explicit(&grants->words[want->node / 64], memory_order_relaxed);
 	bool granted = word >> (want->node % 64) & 1;
 
@@ -754,7 +470,7 @@ static void want_check(const struct visible *visible, uint32_t index)
 	CHECK((want->state == WANT_RETAINED) == (index >= visible->count));
 	CHECK(!granted || (want->holding && !want->revoked && state == NODE_HELD));
 	CHECK(want->holding || !want->revoked);
-	CHECK(want->missed == (want->state == WANT_QUEUED));
+	CHECK(visible->undecided || want->missed == (want->state == WANT_QUEUED));
 	switch (want->state) {
 	case WANT_QUEUED:
 		CHECK(!want->holding && index >= visible->next_queued);
@@ -794,9 +510,9 @@ void visible_check(const struct visible *visible)
 		counts[want->state]++;
 		held_count += want->holding;
 		revoked_count += want->revoked;
-		held_pages += want->holding ? pages_of(visible, want) : 0;
+		held_pages += want->holding ? visible_pages_of(visible, want) : 0;
 		untold_count += refused && want->told != want->reason;
-		full_count += refused && is_for_room(want->reason);
+		full_count += refused && visible_is_for_room(want->reason);
 	}
 	CHECK(memcmp(counts, visible->counts, sizeof(counts)) == 0);
 	CHECK(held_count == visible->held_count && held_pages == visible->held_pages);

@@ -4,7 +4,8 @@
  *
  * A set replaces the set before it.  Its wants are in the client's order, most important first:
  *
- *	QUEUED     absent; a fetch will be begun when its turn comes.  No hold.
+ *	QUEUED     absent; a fetch will be begun when its turn comes.  No hold, unless it is revoked:
+ *	           the node lies where it cannot stay, and is fetched anew when all have let go.
  *	WAITING    the node is BUSY.  Hold; no grant before it is there.
  *	DRAWABLE   the node is HELD.  Hold and grant.
  *	REFUSED    "not now", with a reason.  No grant, and no hold unless it is revoked (below).
@@ -17,16 +18,17 @@
  *	QUEUED, WAITING     DRAWABLE   the fill has ended well
  *	QUEUED, WAITING     REFUSED    the fill has failed, or there is no room
  *	DRAWABLE, WAITING   REFUSED    revoked: something more important needs the room
+ *	DRAWABLE, WAITING   QUEUED     revoked: its segment is drained
  *	REFUSED             QUEUED..   room has appeared, or a new set
  *	any with a hold     RETAINED   a new set has it not
  *	RETAINED            (gone)     retired
  *
- * Room: what the session may hold is the cache without what others hold, and without what turned
- * out to be of no use because what is held lies scattered.  The set is walked from
- * its most important node; what no longer fits is refused, and a hold on it is *revoked*: its grant
- * bit is cleared at once, the hold itself is given up later, for the client may be drawing the node.
- * It is given up when the client retires what it drew before a set that it surely sent after the bit
- * was cleared: one that came after its socket had been seen empty (visible_note_quiet).
+ * Room: while all that is wanted by all sets fits into the cache, every want is admitted.  Otherwise
+ * the cache is divided among the sets (division.h), and admitted is what is planned; the rest is
+ * refused, and a hold on it is *revoked*: its grant bit is cleared at once, the hold itself is given
+ * up later, for the client may be drawing the node.  It is given up when the client retires what it
+ * drew before a set that it surely sent after the bit was cleared: one that came after its socket had
+ * been seen empty (visible_note_quiet).  A client that sends none is asked for one (session.h).
  *
  * Order towards clients (all of it is in daemon/README.md): a grant is cleared before its hold is
  * given up, and `acknowledged` is written after all grants of the set are right.
@@ -39,9 +41,11 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "daemon/accounts.h"
 #include "daemon/cache.h"
 #include "daemon/debts.h"
 #include "daemon/queues.h"
+#include "daemon/room.h"
 #include "libclient/wire.h"
 
 /** A session's view of a store. */
@@ -84,7 +88,10 @@ struct visible_counters {
 };
 
 struct visible {
+	struct list link; /* room.sets */
+	struct room *room;
 	struct cache *cache;
+	struct account *account; /* of its user */
 	struct fills *fills;
 	struct wire_session_page *page;
 	uint32_t session; /* whose it is */
@@ -103,16 +110,19 @@ struct visible {
 	uint32_t untold_count;
 	uint32_t next_queued; /* no QUEUED want lies before it */
 	uint32_t next_untold; /* no untold one */
-	/* Refused for room: tried again when the cache has released so much. */
+	/* What was refused for want of a place is tried again when the cache has released so much. */
 	uint64_t retry_at_bytes;
-	uint32_t full_count;
-	/* No place for so many pages was found when the cache had released so much. */
-	uint32_t full_pages;
-	uint64_t full_at_bytes;
-	/* Pages of the cache that were then held by nobody and yet of no use: what is held is scattered. */
-	uint64_t unusable_pages;
+	uint32_t full_count; /* refused for room */
+	bool undecided;      /* taken over; what of it is admitted is not yet known */
+
+	/* Of the newest division of the cache (division.c). */
+	struct list claim_link;
+	uint32_t claim_next;
+	uint64_t claim_share;
+	uint64_t claim_charge;
 
 	uint32_t revoked_count;
+	uint64_t given_up_count; /* revoked holds that were given up, ever */
 	bool quiet; /* since the last revocation the client's socket was seen empty, at quiet_serial */
 	uint64_t quiet_serial;
 
@@ -126,8 +136,8 @@ struct visible {
 };
 
 /** session, page: of whose it is; all outlive it. */
-void visible_init(struct visible *visible, struct cache *cache, struct fills *fills,
-		  uint32_t session, struct wire_session_page *page);
+void visible_init(struct visible *visible, struct room *room, struct account *account,
+		  struct fills *fills, uint32_t session, struct wire_session_page *page);
 /** Gives everything back. */
 void visible_done(struct visible *visible);
 
@@ -166,11 +176,11 @@ static inline bool visible_wants_quiet(const struct visible *visible)
 /** Nothing that the client has sent is unread: what comes next was sent after all that was done. */
 void visible_note_quiet(struct visible *visible);
 
-/** Admits again what was refused for room, if enough of it has appeared. */
-void visible_retry(struct visible *visible);
+/** Gives each want of the set a state: what there is room for is admitted, the rest refused. */
+void visible_admit(struct visible *visible);
 
-/** Admits all anew: the session may hold more than before, or less. */
-void visible_room_changed(struct visible *visible);
+/** Admits again what was refused for want of a place, if enough has been released. */
+void visible_retry(struct visible *visible);
 
 /** For queues.h. */
 bool visible_next(struct visible *visible, struct queue_want *ret);
@@ -193,6 +203,34 @@ void visible_settle(struct visible *visible);
 static inline uint32_t visible_missing_count(const struct visible *visible)
 {
 	return visible->counts[WANT_QUEUED] + visible->counts[WANT_WAITING];
+}
+
+static inline struct served *visible_served_of(const struct visible *visible,
+					       const struct want *want)
+{
+	return visible->attachments[want->slot]->served;
+}
+
+static inline struct node *visible_node_of(const struct visible *visible, const struct want *want)
+{
+	return &visible_served_of(visible, want)->nodes[want->node];
+}
+
+static inline uint32_t visible_pages_of(const struct visible *visible, const struct want *want)
+{
+	return served_pages(visible_served_of(visible, want), want->node);
+}
+
+static inline struct store_counters *visible_counters_of(const struct visible *visible,
+							 const struct want *want)
+{
+	return &visible_served_of(visible, want)->counters;
+}
+
+/** A refusal that ends by itself when others let go. */
+static inline bool visible_is_for_room(enum wire_reason reason)
+{
+	return reason == WIRE_REASON_FULL || reason == WIRE_REASON_NO_MEMORY;
 }
 
 /** Asserts the comments above.  O(wants). */

@@ -214,6 +214,9 @@ static int take_message(struct ooc_client *client, const void *message, const in
 	case WIRE_NOT_NOW:
 		set_take_not_now(client, message);
 		return 0;
+	case WIRE_RECALL:
+		set_take_recall(client);
+		return 0;
 	case WIRE_TEXT:
 		return answer_take_text(client, message);
 	case WIRE_NODES:

@@ -23,7 +23,7 @@ static bool set_is_given(const struct ooc_client *client, const struct ooc_want 
 {
 	const struct set *set = &client->set;
 
-	if (set->given == 0 || set->entry_count != count)
+	if (set->given == 0 || set->recalled || set->entry_count != count)
 		return false;
 	for (size_t i = 0; i < count; i++) {
 		const struct wire_entry *entry = &set->entries[i];
@@ -96,6 +96,7 @@ int64_t ooc_visible_set(struct ooc_client *client, const struct ooc_want *wants,
 		return r;
 
 	set->given = ++client->serial;
+	set->recalled = false;
 	set->entry_count = 0;
 	for (size_t i = 0; i < count; i++) {
 		struct want *want = &wants[i].store->wants[wants[i].node];
@@ -312,6 +313,17 @@ int ooc_retire(struct ooc_client *client, int64_t serial)
 	if (client->state == SESSION_LIVE)
 		(void)retire_flush(client);
 	return 0;
+}
+
+void set_take_recall(struct ooc_client *client)
+{
+	struct set *set = &client->set;
+
+	/* Said again it retires what was drawn: a caller maps again after each dispatch.  A caller that
+	 * keeps drawing retires the next set that it gives, which must then be another one. */
+	set->unsaid = true;
+	set->saying = 0;
+	set->recalled = client->keep_drawing;
 }
 
 /* ---- what is refused ---- */

@@ -46,6 +46,7 @@ static const struct wire_rule wire_rules[] = {
 	[WIRE_ERROR] = { "ERROR", WIRE_FROM_DAEMON, sizeof(struct wire_error), 0, 0 },
 	[WIRE_NODES] = { "NODES", WIRE_FROM_DAEMON, sizeof(struct wire_nodes),
 			 sizeof(struct wire_node), 0 },
+	[WIRE_RECALL] = { "RECALL", WIRE_FROM_DAEMON, sizeof(struct wire_recall), 0, 0 },
 };
 
 /* The part of a HELLO that no version may change: header, version and a reserved word. */

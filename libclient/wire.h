@@ -55,6 +55,7 @@ enum wire_type {
 	WIRE_TEXT = 70,
 	WIRE_ERROR = 71,
 	WIRE_NODES = 72,
+	WIRE_RECALL = 73,
 };
 
 struct wire_header {
@@ -202,6 +203,15 @@ struct wire_event {
 	uint32_t settled;       /* every node of it is drawable or was answered "not now" */
 	uint32_t complete;      /* settled, and no node was answered "not now" */
 	uint64_t missing_count; /* nodes of it that are still on their way */
+};
+
+/**
+ * Others need room: say the set again, so that what this client holds and may not keep is given back.
+ * Whoever does not is disconnected after a while.
+ */
+struct wire_recall {
+	struct wire_header header;
+	uint64_t serial; /* newest acknowledged set; 0: none */
 };
 
 /** Why a node of a set is not coming for now.  Also OOC_NOT_NOW_* of the public header. */
@@ -371,6 +381,7 @@ static_assert(sizeof(struct wire_prefetch) == 16, "no hidden padding");
 static_assert(sizeof(struct wire_segment) == 24, "no hidden padding");
 static_assert(sizeof(struct wire_event) == 32, "no hidden padding");
 static_assert(sizeof(struct wire_not_now) == 24, "no hidden padding");
+static_assert(sizeof(struct wire_recall) == 16, "no hidden padding");
 static_assert(sizeof(struct wire_text) == 16, "no hidden padding");
 static_assert(sizeof(struct wire_status) == 24, "no hidden padding");
 static_assert(sizeof(struct wire_admin) == 24, "no hidden padding");

@@ -147,7 +147,7 @@ struct ooc_want {
  * wants:  in descending importance, of any open stores of this client.  Copied.  A node given twice
  *         counts once.
  *
- * A set equal to the one before, importances included, sends nothing.  While one set is unanswered the newest of those
+ * A set equal to the one before, importances included, sends nothing and has its serial.  While one set is unanswered the newest of those
  * given since waits in the library and goes out with the next ooc_dispatch() after the answer.
  *
  * Returns: the set's serial (> 0, larger than that of any other set before), or -EINVAL (a node that
@@ -162,6 +162,11 @@ OOC_API int64_t ooc_visible_set(struct ooc_client *client, const struct ooc_want
 /**
  * From now on what sets drop is given back by ooc_retire() only: for programs that draw in other
  * threads than the one that asks.
+ *
+ * When others need room the daemon asks for what is held beyond this client's share.  The next set is
+ * then a new one, even if it equals the one before: so give one, and retire it, when ooc_fd() has
+ * become readable.  (Without this function ooc_dispatch() answers by itself.)  Who does not for seconds
+ * is disconnected, and connects again.
  */
 OOC_API void ooc_keep_drawing(struct ooc_client *client, bool keep);
 

@@ -174,11 +174,14 @@ static struct served *attach_served;
 static int attach(void *arg)
 {
 	static struct wire_session_page page;
+	struct account account = { .session_count = 1 };
 	struct visible visible;
+	struct room room;
 	struct why why;
 	int r;
 
-	visible_init(&visible, arg, NULL, 1, &page);
+	room_init(&room, arg);
+	visible_init(&visible, &room, &account, NULL, 1, &page);
 	r = visible_attach(&visible, 3, attach_served, 1, &why);
 	visible_done(&visible);
 	assert_int_equal(attach_served->attach_count, 0);

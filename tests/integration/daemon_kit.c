@@ -201,6 +201,9 @@ static void take_message(struct kit_client *client, const int *fds)
 	case WIRE_EVENT:
 		client->event_count++;
 		break;
+	case WIRE_RECALL:
+		client->recalled = true;
+		break;
 	default:
 		break;
 	}
@@ -313,6 +316,7 @@ void kit_set(struct kit_client *client, const struct wire_entry *entries, uint32
 
 	client->serial++;
 	client->refusal_count = 0;
+	client->recalled = false;
 	do {
 		uint32_t piece = (uint32_t)u64_min(count - sent, WIRE_SET_ENTRY_COUNT_MAX);
 
@@ -344,9 +348,14 @@ uint32_t kit_entries(const struct kit_store *store, uint32_t slot, uint32_t firs
 	return taken;
 }
 
+bool kit_is_settled(const struct kit_client *client)
+{
+	return atomic_load_explicit(&client->page->settled, memory_order_acquire) >= client->serial;
+}
+
 void kit_settle(struct kit_client *client)
 {
-	while (atomic_load_explicit(&client->page->settled, memory_order_acquire) < client->serial)
+	while (!kit_is_settled(client))
 		kit_receive(client, WIRE_EVENT);
 	/* What was sent before is there, and says which segments and refusals there are. */
 	while (receive_one(client, 0) > 0)

@@ -66,6 +66,7 @@ struct kit_client {
 	uint32_t refusal_count;
 	enum wire_reason last_reason;
 	uint32_t event_count;
+	bool recalled; /* asked to let go, and has said no set since */
 	_Alignas(8) uint8_t message[KIT_MESSAGE_ROOM];
 };
 
@@ -102,6 +103,8 @@ void kit_set(struct kit_client *client, const struct wire_entry *entries, uint32
 /** Nodes with payload first .. first + count - 1 of a store, as entries. */
 uint32_t kit_entries(const struct kit_store *store, uint32_t slot, uint32_t first, uint32_t count,
 		     struct wire_entry *ret);
+/** Returns: is it settled? */
+bool kit_is_settled(const struct kit_client *client);
 /** Waits until the set is settled. */
 void kit_settle(struct kit_client *client);
 

@@ -26,7 +26,8 @@
 #include "tests/integration/daemon_kit.h"
 
 /* Users that nobody is; only root can become one. */
-#define OTHER_UID 65533u
+#define ENTRIES_MAX 2048u
+#define OTHER_UID   65533u
 
 /* ---- users ---- */
 
@@ -99,6 +100,215 @@ static void a_user_may_have_hundreds_of_clients(void **state)
 	assert_int_equal(kit_daemon_stop(&daemon, SIGTERM), 0);
 }
 
+/* ---- more is wanted than fits ---- */
+
+#define CROWD_COUNT 6u
+
+struct crowd {
+	struct kit_client *clients[CROWD_COUNT];
+	struct wire_entry entries[CROWD_COUNT][ENTRIES_MAX];
+	uint32_t counts[CROWD_COUNT];
+};
+
+static const char *make_store(const char *folder)
+{
+	const struct test_grid grid = { .count = 16, .face_quads = 4 };
+	const char *path = test_path(folder, "a.ooc");
+
+	test_store_grid_make(path, &grid);
+	return path;
+}
+
+static void crowd_want(struct crowd *crowd, uint32_t i, uint32_t first, uint32_t count)
+{
+	struct kit_client *client = crowd->clients[i];
+
+	crowd->counts[i] = kit_entries(&client->stores[0], 0, first, count, crowd->entries[i]);
+	assert_int_equal(crowd->counts[i], count);
+	kit_set(client, crowd->entries[i], count, WIRE_SET_RETIRE);
+}
+
+/* Each reads what it is sent and says its set again when it is asked to, until all are settled. */
+static void crowd_settle(struct crowd *crowd)
+{
+	for (;;) {
+		struct pollfd fds[CROWD_COUNT];
+		uint32_t settled_count = 0;
+
+		for (uint32_t i = 0; i < CROWD_COUNT; i++) {
+			struct kit_client *client = crowd->clients[i];
+
+			fds[i] = (struct pollfd){ client->fd, POLLIN, 0 };
+			if (client->recalled)
+				kit_set(client, crowd->entries[i], crowd->counts[i],
+					WIRE_SET_RETIRE);
+			settled_count += kit_is_settled(client);
+		}
+		if (poll(fds, CROWD_COUNT, settled_count == CROWD_COUNT ? 0 : KIT_TIMEOUT_MS) == 0)
+			break;
+		for (uint32_t i = 0; i < CROWD_COUNT; i++)
+			if (fds[i].revents)
+				kit_receive_any(crowd->clients[i]);
+	}
+	for (uint32_t i = 0; i < CROWD_COUNT; i++)
+		assert_true(kit_is_settled(crowd->clients[i]));
+}
+
+static uint32_t crowd_drawn(const struct crowd *crowd, uint32_t i)
+{
+	uint32_t drawn = 0;
+
+	while (drawn < crowd->counts[i] &&
+	       kit_map(&crowd->clients[i]->stores[0], crowd->entries[i][drawn].node))
+		drawn++;
+	/* And nothing behind the first that it does not draw. */
+	assert_int_equal(kit_count_drawable(&crowd->clients[i]->stores[0]), drawn);
+	return drawn;
+}
+
+static void a_crowd_that_wants_three_times_the_cache_settles_and_reads_no_more(void **state)
+{
+	struct server_config config = kit_config();
+	const char *path = make_store(*state);
+	struct crowd *crowd = calloc(1, sizeof(*crowd));
+	struct kit_daemon daemon;
+	uint64_t read_bytes;
+	uint32_t fit;
+
+	config.cache_bytes = 2 * MIB;
+	kit_daemon_start(*state, &config, &daemon);
+	for (uint32_t i = 0; i < CROWD_COUNT; i++) {
+		crowd->clients[i] = kit_hello(&daemon);
+		kit_open(crowd->clients[i], 0, path);
+	}
+	fit = (uint32_t)(config.cache_bytes /
+			 bytes_round_up(crowd->clients[0]->stores[0].superblock->payload_bytes_max,
+					WIRE_PAGE_BYTES));
+	for (uint32_t step = 0; step < 5; step++) {
+		/* The first wants little and has it; the others share what is left. */
+		crowd_want(crowd, 0, 0, fit / 20);
+		for (uint32_t i = 1; i < CROWD_COUNT; i++)
+			crowd_want(crowd, i, 20 + 70 * i + 7 * step, fit * 3 / 5);
+		crowd_settle(crowd);
+		assert_int_equal(crowd_drawn(crowd, 0), fit / 20);
+		for (uint32_t i = 1; i < CROWD_COUNT; i++)
+			assert_true(crowd_drawn(crowd, i) >= fit * 8 / 10 / CROWD_COUNT);
+		/* It stays so, whatever is said again. */
+		read_bytes = kit_status_number(crowd->clients[0], "read_bytes");
+		for (uint32_t i = 0; i < CROWD_COUNT; i++)
+			kit_set(crowd->clients[i], crowd->entries[i], crowd->counts[i],
+				WIRE_SET_RETIRE);
+		crowd_settle(crowd);
+		assert_int_equal(kit_status_number(crowd->clients[0], "read_bytes"), read_bytes);
+		assert_int_equal(kit_status_number(crowd->clients[0], "fetches_queued"), 0);
+	}
+	for (uint32_t i = 0; i < CROWD_COUNT; i++)
+		kit_disconnect(crowd->clients[i]);
+	free(crowd);
+	assert_int_equal(kit_daemon_stop(&daemon, SIGTERM), 0);
+}
+
+/* ---- leases ---- */
+
+/*
+ * A client in another process that holds `count` nodes from `first` on, and is stopped.  When it goes on
+ * it ends with 0 if it has been told that what it drew is no longer there, else with 1.
+ */
+static pid_t start_sleeper(const struct kit_daemon *daemon, const char *path, uint32_t first,
+			   uint32_t count)
+{
+	int status;
+	pid_t pid;
+
+	(void)fflush(NULL);
+	pid = fork();
+	assert_true(pid >= 0);
+	if (pid == 0) {
+		static struct wire_entry entries[ENTRIES_MAX];
+		struct kit_client *client = kit_hello(daemon);
+		struct kit_store *store = kit_open(client, 0, path);
+
+		count = kit_entries(store, 0, first, count, entries);
+		kit_set(client, entries, count, WIRE_SET_RETIRE);
+		kit_settle(client);
+		(void)raise(SIGSTOP);
+		_exit(store->grants->epoch == 0 ? 0 : 1);
+	}
+	assert_int_equal(waitpid(pid, &status, WUNTRACED), pid);
+	assert_true(WIFSTOPPED(status));
+	return pid;
+}
+
+static int wake_sleeper(pid_t pid)
+{
+	int status;
+
+	assert_int_equal(kill(pid, SIGCONT), 0);
+	assert_int_equal(waitpid(pid, &status, 0), pid);
+	assert_true(WIFEXITED(status));
+	return WEXITSTATUS(status);
+}
+
+static void a_stopped_client_loses_what_others_need(void **state)
+{
+	static struct wire_entry entries[ENTRIES_MAX];
+	struct server_config config = kit_config();
+	const char *path = make_store(*state);
+	struct kit_client *client;
+	struct kit_daemon daemon;
+	struct kit_store *store;
+	uint32_t count;
+	pid_t sleeper;
+
+	config.cache_bytes = 2 * MIB;
+	config.lease_ms = 300;
+	kit_daemon_start(*state, &config, &daemon);
+	sleeper = start_sleeper(&daemon, path, 0, 70);
+	client = kit_hello(&daemon);
+	store = kit_open(client, 0, path);
+	count = kit_entries(store, 0, 100, 80, entries);
+	kit_set(client, entries, count, WIRE_SET_RETIRE);
+	/* Who waits for the other is silent as well, but answers. */
+	while (kit_count_drawable(store) < count) {
+		kit_receive_any(client);
+		if (client->recalled)
+			kit_set(client, entries, count, WIRE_SET_RETIRE);
+	}
+	assert_int_equal(kit_status_number(client, "sessions"), 1);
+	assert_int_equal(wake_sleeper(sleeper), 0);
+	kit_disconnect(client);
+	assert_int_equal(kit_daemon_stop(&daemon, SIGTERM), 0);
+}
+
+static void a_stopped_client_is_left_in_peace_while_there_is_room(void **state)
+{
+	static struct wire_entry entries[ENTRIES_MAX];
+	struct server_config config = kit_config();
+	const char *path = make_store(*state);
+	struct kit_client *client;
+	struct kit_daemon daemon;
+	struct kit_store *store;
+	uint32_t count;
+	pid_t sleeper;
+
+	config.cache_bytes = 4 * MIB;
+	config.lease_ms = 1;
+	kit_daemon_start(*state, &config, &daemon);
+	sleeper = start_sleeper(&daemon, path, 0, 70);
+	client = kit_hello(&daemon);
+	store = kit_open(client, 0, path);
+	count = kit_entries(store, 0, 100, 80, entries);
+	kit_set(client, entries, count, WIRE_SET_RETIRE);
+	kit_settle(client);
+	/* The daemon looks at its leases four times a second. */
+	while (kit_status_number(client, "uptime_s") < 1)
+		continue;
+	assert_int_equal(kit_status_number(client, "sessions"), 2);
+	assert_int_equal(wake_sleeper(sleeper), 1);
+	kit_disconnect(client);
+	assert_int_equal(kit_daemon_stop(&daemon, SIGTERM), 0);
+}
+
 int main(void)
 {
 #define SHARING_TEST(name)                                                                         \
@@ -106,6 +316,9 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		SHARING_TEST(a_user_over_its_cap_is_told_so_and_another_still_connects),
 		SHARING_TEST(a_user_may_have_hundreds_of_clients),
+		SHARING_TEST(a_crowd_that_wants_three_times_the_cache_settles_and_reads_no_more),
+		SHARING_TEST(a_stopped_client_loses_what_others_need),
+		SHARING_TEST(a_stopped_client_is_left_in_peace_while_there_is_room),
 	};
 
 	return TEST_RUN(tests);

@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: MIT */
 #include "tests/model/small_world.h"
 
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "daemon/division.h"
 #include "daemon/visible.h"
 #include "formats/base/bytes.h"
 #include "formats/base/check.h"
@@ -77,6 +79,8 @@ struct reader {
 
 struct world {
 	struct cache cache;
+	struct room room;
+	struct account account;
 	struct served served;
 	struct store_superblock superblock;
 	struct store_node records[WORLD_NODES + 1];
@@ -128,6 +132,7 @@ static void make_served(struct world *world, uint32_t room_pages)
 	served->nodes = region_take(world->node_count * sizeof(*served->nodes));
 	for (uint32_t i = 0; i < world->node_count; i++)
 		node_init(&served->nodes[i]);
+	served->ledger.held = region_take(world->node_count * sizeof(served->ledger.held[0]));
 	served->directory = region_take(sizeof(*served->directory) +
 					world->node_count * sizeof(served->directory->words[0]));
 	atomic_init(&served->directory->epoch, EPOCH);
@@ -149,10 +154,13 @@ struct world *world_create(uint32_t room_pages, bool whole)
 	region_use(true);
 	make_served(world, room_pages);
 	cache_init(&world->cache, room_pages * WIRE_PAGE_BYTES, &calls, world);
+	room_init(&world->room, &world->cache);
+	world->account.policy.weight = 1;
 	cache_add_store(&world->cache, &world->served);
 	cache_warm_up(&world->cache, &world->served);
 	for (uint32_t i = 0; i < WORLD_READERS; i++) {
-		visible_init(&world->visible[i], &world->cache, NULL, i + 1, &world->pages[i]);
+		visible_init(&world->visible[i], &world->room, &world->account, NULL, i + 1,
+			     &world->pages[i]);
 		CHECK(visible_attach(&world->visible[i], 0, &world->served, EPOCH, NULL) == 0);
 		world->readers[i].grants = world->visible[i].attachments[0]->grants;
 	}
@@ -270,9 +278,9 @@ static void read_message(struct world *world, uint32_t r)
 }
 
 /* As fills_start(): from here on the kernel may write to the place. */
-static int begin_fill(struct world *world, uint32_t node)
+static int begin_fill(struct world *world, uint32_t node, bool prefetch)
 {
-	int r = cache_begin_fill(&world->cache, &world->served, node, node);
+	int r = cache_begin_fill(&world->cache, &world->served, node, node, prefetch);
 
 	if (r == 0)
 		world->content[world->served.nodes[node].place.page] = 0;
@@ -282,9 +290,13 @@ static int begin_fill(struct world *world, uint32_t node)
 static void begin_fetch(struct world *world, uint32_t r)
 {
 	struct queue_want want;
+	int error;
 
-	if (visible_next(&world->visible[r], &want))
-		visible_begun(&world->visible[r], &want, begin_fill(world, want.index));
+	if (!visible_next(&world->visible[r], &want))
+		return;
+	error = begin_fill(world, want.index, false);
+	if (error != -EAGAIN)
+		visible_begun(&world->visible[r], &want, error);
 }
 
 /* As fill_end(). */
@@ -308,6 +320,7 @@ static void end_round(struct world *world)
 {
 	struct wire_refusal refusals[WORLD_NODES];
 
+	division_settle(&world->room);
 	for (uint32_t r = 0; r < WORLD_READERS; r++) {
 		struct visible *visible = &world->visible[r];
 
@@ -428,6 +441,8 @@ uint32_t world_steps(const struct world *world, struct step ret[WORLD_STEPS_MAX]
 			add_rival_steps(world, ret, &count);
 		add_daemon_steps(world, r, ret, &count);
 	}
+	if (world->cache.room_is_coming)
+		add(ret, &count, STEP_GIVE_UP, 0, 0);
 	for (uint32_t i = 0; i < world->node_count; i++) {
 		enum node_state state = world->served.nodes[i].state;
 
@@ -473,8 +488,12 @@ static void take(struct world *world, struct step step)
 	case STEP_THROW_OUT:
 		throw_out(world, step.reader);
 		break;
+	case STEP_GIVE_UP:
+		/* As room_tick(). */
+		world->cache.room_is_coming = false;
+		break;
 	case STEP_PREFETCH:
-		(void)begin_fill(world, step.argument);
+		(void)begin_fill(world, step.argument, true);
 		break;
 	case STEP_FILLED:
 		end_fill(world, step.argument, WIRE_REASON_NONE);
@@ -605,7 +624,8 @@ static void put_node(struct key *key, const struct world *world, uint32_t index)
 	for (uint32_t i = 0; i < world->node_count; i++)
 		older_count += world->served.nodes[i].state == NODE_FREE &&
 			       world->served.nodes[i].last_use < node->last_use;
-	put(key, node->state | node->hold_count << 4);
+	put(key,
+	    node->state | node->hold_count << 4 | (uint32_t)(node->plan == world->room.plan) << 7);
 	put(key, node->state == NODE_ABSENT || node->state == NODE_DAMAGED
 			 ? 0
 			 : node->place.page | (node->state == NODE_FREE ? older_count << 4 : 0));
@@ -631,14 +651,10 @@ static void put_want(struct key *key, const struct visible *visible, uint32_t no
 static void put_visible(struct key *key, const struct world *world, uint32_t r)
 {
 	const struct visible *visible = &world->visible[r];
-	bool is_full_now = visible->full_at_bytes == world->cache.released_bytes;
-
 	for (uint32_t i = 0; i < WORLD_NODES; i++)
 		put_want(key, visible, i);
 	put(key, visible->count | visible->total << 4);
-	put(key, is_full_now ? visible->full_pages : 0);
 	put(key, visible->full_count > 0 ? pages_ahead(world, visible->retry_at_bytes) : 0);
-	put(key, visible->unusable_pages);
 	put(key, (uint32_t)(visible->serial == world->readers[r].serial) |
 			 (uint32_t)(visible->serial == 0) << 1);
 	if (visible->revoked_count > 0)
@@ -662,12 +678,26 @@ static void put_reader(struct key *key, const struct world *world, uint32_t r)
 				 (uint32_t)(reader->since[i] == reader->serial) << 2);
 }
 
+static void put_room(struct key *key, const struct world *world)
+{
+	const struct room *room = &world->room;
+	const struct cache *cache = &world->cache;
+	bool is_full_now = world->served.full_at_bytes == cache->released_bytes;
+
+	CHECK(!room->changed && room->drain_count == cache->drain_count);
+	put(key, room->unusable_pages | (uint64_t)room->divided << 4 |
+			 (uint64_t)cache->room_is_coming << 5 |
+			 (uint64_t)cache->draining_count << 6);
+	put(key, is_full_now ? world->served.full_pages : 0);
+}
+
 size_t world_key(const struct world *world, uint8_t ret[WORLD_KEY_BYTES])
 {
 	struct key key = { .bytes = ret };
 
 	for (uint32_t i = 0; i < world->node_count; i++)
 		put_node(&key, world, i);
+	put_room(&key, world);
 	for (uint32_t r = 0; r < WORLD_READERS; r++) {
 		put_reader(&key, world, r);
 		if (!world->readers[r].thrown_out)
@@ -684,8 +714,9 @@ const char *step_text(struct step step)
 		[STEP_RETIRE] = "retires",          [STEP_LOOK] = "looks at",
 		[STEP_END] = "has drawn",           [STEP_READ] = "is read from",
 		[STEP_BEGIN] = "has a fetch begun", [STEP_THROW_OUT] = "is thrown out",
-		[STEP_PREFETCH] = "is prefetched",  [STEP_FILLED] = "is filled",
-		[STEP_FAILED] = "cannot be read",   [STEP_DAMAGED] = "is damaged",
+		[STEP_GIVE_UP] = "waits no longer", [STEP_PREFETCH] = "is prefetched",
+		[STEP_FILLED] = "is filled",        [STEP_FAILED] = "cannot be read",
+		[STEP_DAMAGED] = "is damaged",
 	};
 	static char text[64];
 

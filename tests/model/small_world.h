@@ -38,6 +38,7 @@ enum step_kind {
 	STEP_BEGIN,
 	STEP_THROW_OUT,
 	/* Of the daemon; argument: node. */
+	STEP_GIVE_UP, /* of waiting for revoked holds */
 	STEP_PREFETCH,
 	STEP_FILLED,
 	STEP_FAILED,

@@ -400,6 +400,67 @@ static void retiring_a_set_that_was_never_sent_keeps_what_it_could_draw(void **s
 			 last);
 }
 
+static void recall(struct scene *scene)
+{
+	struct wire_recall message = { .serial = 1 };
+
+	fake_send(scene->fake, &message, WIRE_RECALL, sizeof(message), NULL, 0);
+	assert_int_equal(ooc_dispatch(scene->client), 0);
+}
+
+static void asked_to_let_go_the_set_is_said_again_and_retires_what_was_drawn(void **state)
+{
+	struct scene *scene = *state;
+	int64_t serial;
+	uint64_t again;
+
+	/* Nothing was said, so nothing is said again. */
+	recall(scene);
+	fake_expect_nothing(scene->fake);
+	serial = give(scene, 1, 3);
+	(void)fake_expect_set(scene->fake, (uint64_t)serial);
+	fake_acknowledge(scene->fake, (uint64_t)serial);
+	for (uint32_t i = 0; i < 2; i++) {
+		const struct wire_set *set;
+
+		recall(scene);
+		set = fake_expect_set(scene->fake, 0);
+		assert_true(set->serial > (uint64_t)serial);
+		assert_int_equal(set->flags, WIRE_SET_FIRST | WIRE_SET_LAST | WIRE_SET_RETIRE);
+		assert_int_equal(set->entry_count, 3);
+		again = set->serial;
+		fake_acknowledge(scene->fake, again);
+	}
+	/* To its giver it is the set that it was. */
+	assert_int_equal(give(scene, 1, 3), serial);
+	fake_expect_nothing(scene->fake);
+}
+
+static void asked_to_let_go_a_program_that_keeps_drawing_retires_its_next_set(void **state)
+{
+	struct scene *scene = *state;
+	int64_t serial;
+	int64_t next;
+
+	ooc_keep_drawing(scene->client, true);
+	serial = give(scene, 1, 3);
+	(void)fake_expect_set(scene->fake, (uint64_t)serial);
+	fake_acknowledge(scene->fake, (uint64_t)serial);
+	recall(scene);
+	fake_acknowledge(scene->fake, fake_expect_set(scene->fake, 0)->serial);
+	/* The same set is another one now, so that it can be told from what is drawn. */
+	next = give(scene, 1, 3);
+	assert_true(next > serial);
+	assert_int_equal(fake_expect_set(scene->fake, (uint64_t)next)->flags,
+			 WIRE_SET_FIRST | WIRE_SET_LAST);
+	fake_acknowledge(scene->fake, (uint64_t)next);
+	assert_int_equal(ooc_retire(scene->client, next), 0);
+	assert_int_equal(
+		((const struct wire_retire *)fake_expect(scene->fake, WIRE_RETIRE))->serial, next);
+	assert_int_equal(give(scene, 1, 3), next);
+	fake_expect_nothing(scene->fake);
+}
+
 static void a_set_retired_before_it_is_sent_says_so_itself(void **state)
 {
 	struct scene *scene = *state;
@@ -643,6 +704,8 @@ int main(void)
 		SCENE_TEST(what_is_kept_for_drawing_is_given_back_by_retire),
 		SCENE_TEST(retiring_a_set_that_was_never_sent_keeps_what_it_could_draw),
 		SCENE_TEST(a_set_retired_before_it_is_sent_says_so_itself),
+		SCENE_TEST(asked_to_let_go_the_set_is_said_again_and_retires_what_was_drawn),
+		SCENE_TEST(asked_to_let_go_a_program_that_keeps_drawing_retires_its_next_set),
 		SCENE_TEST(refusals_count_for_the_set_they_speak_of),
 		SCENE_TEST(waiting_says_the_same_set_once_more_and_wakes_by_event),
 		SCENE_TEST(a_caller_that_sleeps_does_not_wait_for_answers),

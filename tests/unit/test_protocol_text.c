@@ -14,9 +14,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "daemon/limits.h"
 #include "formats/base/bytes.h"
 #include "libclient/wire.h"
 #include "tests/helper.h"
+#include "tests/unit/wire_samples.h"
 
 /* One field in C.  element_bytes is 0 but for an array that the message is as long as it needs. */
 struct field {
@@ -118,6 +120,7 @@ static struct field fields[] = {
 	FIELD("ERROR", wire_error, store),
 	FIELD("ERROR", wire_error, version),
 	FIELD("ERROR", wire_error, text),
+	FIELD("RECALL", wire_recall, serial),
 	FIELD("session page", wire_session_page, epoch),
 	FIELD("session page", wire_session_page, acknowledged),
 	FIELD("session page", wire_session_page, settled),
@@ -229,7 +232,7 @@ static void every_message_has_the_number_that_the_text_says(void **state)
 			fail_msg("the text has no heading%s", heading);
 		count++;
 	}
-	assert_int_equal(count, 17);
+	assert_int_equal(count, WIRE_SAMPLE_COUNT);
 	free(text);
 }
 
@@ -245,6 +248,7 @@ static void every_limit_is_what_the_text_says(void **state)
 		{ "nodes of a set", WIRE_SET_NODE_COUNT_MAX },
 		{ "segments of a store", WIRE_SEGMENT_COUNT_MAX },
 		{ "pages of a segment", WIRE_SEGMENT_PAGES_MAX },
+		{ "seconds from RECALL to its answer", LEASE_MS_USUAL / 1000 },
 	};
 	char *text = text_read();
 	char phrase[128];

@@ -18,18 +18,23 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "daemon/division.h"
 #include "daemon/visible.h"
 #include "formats/base/bytes.h"
 #include "formats/base/log.h"
 #include "tests/helper.h"
 
 #define BUDGET_BYTES  (2u * MIB)
-#define SESSION_COUNT 2u
+#define SESSION_COUNT 4u
+#define ACCOUNT_COUNT 2u
 #define WANTS_MAX     1024u
 
 struct fixture {
 	char *folder;
 	struct cache cache;
+	struct room room;
+	struct account
+		accounts[ACCOUNT_COUNT]; /* sessions 0 and 1 are the first's, others the second's */
 	struct workers *workers;
 	struct fills *fills;
 	struct fetch *fetch;
@@ -103,9 +108,12 @@ static int setup_with(void **state, struct fetch_sim sim, const struct test_grid
 			fixture->nodes[fixture->node_count++] = i;
 	fixture->fit_count =
 		BUDGET_BYTES / WIRE_PAGE_BYTES / served_pages(fixture->served, fixture->nodes[0]);
+	room_init(&fixture->room, &fixture->cache);
+	for (uint32_t i = 0; i < ACCOUNT_COUNT; i++)
+		fixture->accounts[i].policy.weight = 100;
 	for (uint32_t i = 0; i < SESSION_COUNT; i++) {
-		visible_init(&fixture->visible[i], &fixture->cache, fixture->fills, i + 1,
-			     &fixture->pages[i]);
+		visible_init(&fixture->visible[i], &fixture->room, &fixture->accounts[i / 2],
+			     fixture->fills, i + 1, &fixture->pages[i]);
 		assert_int_equal(visible_attach(&fixture->visible[i], 0, fixture->served, 1, &why),
 				 0);
 	}
@@ -150,18 +158,21 @@ static void books_check(const struct fixture *fixture)
 	assert_int_equal(hold_count, 0);
 }
 
-/* What the loop does with one session's queue and what comes back. */
-static void begin_fetches(struct fixture *fixture, struct visible *visible)
+/* What the loop does with one session's queue and what comes back.  Returns: does it wait for room? */
+static bool begin_fetches(struct fixture *fixture, struct visible *visible)
 {
 	struct queue_want want;
+	int r = 0;
 
-	while (fills_has_room(fixture->fills) && visible_next(visible, &want)) {
-		int r = fills_start(fixture->fills, want.served, want.index, 1, false);
-
+	division_settle(&fixture->room);
+	visible_retry(visible);
+	while (r != -EAGAIN && fills_has_room(fixture->fills) && visible_next(visible, &want)) {
+		r = fills_start(fixture->fills, want.served, want.index, 1, false);
 		if (r != -EAGAIN)
 			visible_begun(visible, &want, r);
 	}
 	fetch_flush(fixture->fetch);
+	return r == -EAGAIN && fixture->cache.room_is_coming;
 }
 
 static void run_once(struct fixture *fixture)
@@ -181,14 +192,17 @@ static void run_once(struct fixture *fixture)
 		workers_dispatch(fixture->workers);
 }
 
+/* Until nothing moves: the set is settled, or waits for others to let go. */
 static void settle(struct fixture *fixture, struct visible *visible)
 {
 	struct wire_refusal refusals[WANTS_MAX];
+	bool waits;
 
 	do {
-		begin_fetches(fixture, visible);
+		waits = begin_fetches(fixture, visible);
 		run_once(fixture);
-	} while (visible_missing_count(visible) > 0 || fills_count(fixture->fills) > 0);
+	} while (fills_count(fixture->fills) > 0 || fixture->room.changed ||
+		 (!waits && visible_missing_count(visible) > 0));
 	(void)visible_take_refusals(visible, refusals, WANTS_MAX);
 	visible_settle(visible);
 	books_check(fixture);
@@ -218,13 +232,14 @@ static void take(struct fixture *fixture, uint32_t session, uint32_t first, uint
 		 bool retire)
 {
 	struct visible *visible = &fixture->visible[session];
-	struct wire_entry entries[WANTS_MAX];
+	struct wire_entry entries[WANTS_MAX] = { 0 };
 
 	for (uint32_t i = 0; i < count; i++)
 		entries[i] =
 			(struct wire_entry){ 0, fixture->nodes[first + i], (float)(count - i) };
 	assert_int_equal(visible_take(visible, entries, count, visible->serial + 1, retire), 0);
 	assert_int_equal(fixture->pages[session].acknowledged, visible->serial);
+	division_settle(&fixture->room);
 	books_check(fixture);
 }
 
@@ -234,6 +249,48 @@ static const struct want *want_of(const struct fixture *fixture, uint32_t sessio
 	uint32_t want = visible->attachments[0]->want_of_node[fixture->nodes[at]];
 
 	return want > 0 ? &visible->wants[want - 1] : NULL;
+}
+
+static void say_again(struct fixture *fixture, uint32_t session)
+{
+	struct visible *visible = &fixture->visible[session];
+	struct wire_entry entries[WANTS_MAX] = { 0 };
+
+	for (uint32_t i = 0; i < visible->count; i++)
+		entries[i] = (struct wire_entry){ visible->wants[i].slot, visible->wants[i].node,
+						  (float)(visible->count - i) };
+	assert_int_equal(visible_take(visible, entries, visible->count, visible->serial + 1, true),
+			 0);
+	division_settle(&fixture->room);
+	books_check(fixture);
+}
+
+/* What a client does that is asked to let go. */
+static bool answer_recall(struct fixture *fixture, uint32_t session)
+{
+	if (fixture->visible[session].revoked_count == 0)
+		return false;
+	visible_note_quiet(&fixture->visible[session]);
+	say_again(fixture, session);
+	return true;
+}
+
+/* Until all sets are settled and nobody is asked for anything any more. */
+static void settle_all(struct fixture *fixture)
+{
+	bool again;
+
+	do {
+		again = false;
+		for (uint32_t i = 0; i < SESSION_COUNT; i++)
+			settle(fixture, &fixture->visible[i]);
+		for (uint32_t i = 0; i < SESSION_COUNT; i++)
+			again |= answer_recall(fixture, i);
+	} while (again);
+	for (uint32_t i = 0; i < SESSION_COUNT; i++) {
+		assert_int_equal(visible_missing_count(&fixture->visible[i]), 0);
+		assert_int_equal(fixture->pages[i].settled, fixture->visible[i].serial);
+	}
 }
 
 static bool is_granted(const struct fixture *fixture, uint32_t session, uint32_t at)
@@ -432,11 +489,12 @@ static void what_another_session_holds_is_never_taken(void **state)
 {
 	struct fixture *fixture = *state;
 
-	take(fixture, 0, 0, fixture->fit_count / 2, true);
+	/* Somewhat less than its share: segments have ends that are too short. */
+	take(fixture, 0, 0, fixture->fit_count / 5 * 2, true);
 	settle(fixture, &fixture->visible[0]);
 	take(fixture, 1, 100, fixture->fit_count * 2, true);
 	settle(fixture, &fixture->visible[1]);
-	for (uint32_t i = 0; i < fixture->fit_count / 2; i++) {
+	for (uint32_t i = 0; i < fixture->fit_count / 5 * 2; i++) {
 		assert_true(is_granted(fixture, 0, i));
 		assert_int_equal(state_of(fixture, i), NODE_HELD);
 	}
@@ -466,9 +524,145 @@ static void what_matters_more_revokes_a_hold_of_the_same_session(void **state)
 	assert_int_equal(state_of(fixture, 40 + fits + 9), NODE_HELD);
 	take(fixture, 0, 40, fits + 10, true);
 	settle(fixture, visible);
+	settle_all(fixture);
 	for (uint32_t i = 40; i < 50; i++)
 		assert_int_equal(want_of(fixture, 0, i)->state, WANT_DRAWABLE);
 	assert_int_not_equal(state_of(fixture, 40 + fits + 9), NODE_HELD);
+}
+
+/* ---- more is wanted than fits ---- */
+
+/* How many nodes from `first` on a session draws before the first that it does not. */
+static uint32_t drawn_from(const struct fixture *fixture, uint32_t session, uint32_t first)
+{
+	uint32_t count = 0;
+
+	while (is_granted(fixture, session, first + count) &&
+	       node_is_ready(&fixture->served->nodes[fixture->nodes[first + count]]))
+		count++;
+	return count;
+}
+
+/* Parts of what fits, as tenths less than promised for what is too short at segments' ends. */
+static void assert_share(const struct fixture *fixture, uint32_t count, double share)
+{
+	assert_in_range(count, (uint32_t)(0.9 * share * fixture->fit_count),
+			(uint32_t)(share * fixture->fit_count) + 2);
+}
+
+static void sessions_share_by_account_then_equally(void **state)
+{
+	struct fixture *fixture = *state;
+	uint32_t fit = fixture->fit_count;
+
+	take(fixture, 0, 0, fit, true);
+	take(fixture, 1, 200, fit, true);
+	take(fixture, 2, 400, fit, true);
+	settle_all(fixture);
+	assert_share(fixture, drawn_from(fixture, 0, 0), 0.25);
+	assert_share(fixture, drawn_from(fixture, 1, 200), 0.25);
+	assert_share(fixture, drawn_from(fixture, 2, 400), 0.5);
+	/* And by the policies of a new configuration. */
+	fixture->accounts[0].policy.weight = 400;
+	room_note_change(&fixture->room);
+	settle_all(fixture);
+	assert_share(fixture, drawn_from(fixture, 0, 0), 0.4);
+	assert_share(fixture, drawn_from(fixture, 2, 400), 0.2);
+	fixture->accounts[1].policy.share_permille = 700;
+	room_note_change(&fixture->room);
+	settle_all(fixture);
+	assert_share(fixture, drawn_from(fixture, 1, 200), 0.15);
+	assert_share(fixture, drawn_from(fixture, 2, 400), 0.7);
+}
+
+static void what_nobody_claims_is_used_and_taken_back(void **state)
+{
+	struct fixture *fixture = *state;
+	uint32_t fit = fixture->fit_count;
+
+	take(fixture, 2, 400, fit / 10, true);
+	take(fixture, 0, 0, fit * 2, true);
+	settle_all(fixture);
+	assert_int_equal(drawn_from(fixture, 2, 400), fit / 10);
+	assert_share(fixture, drawn_from(fixture, 0, 0), 0.9);
+	/* Somebody below its share wants it: it comes from the end of the other's set. */
+	take(fixture, 2, 400, fit, true);
+	settle_all(fixture);
+	assert_share(fixture, drawn_from(fixture, 0, 0), 0.5);
+	assert_share(fixture, drawn_from(fixture, 2, 400), 0.5);
+	/* And goes back when it is gone. */
+	take(fixture, 2, 0, 0, true);
+	settle_all(fixture);
+	assert_share(fixture, drawn_from(fixture, 0, 0), 1.0);
+}
+
+static void what_several_want_takes_its_room_once(void **state)
+{
+	struct fixture *fixture = *state;
+	uint32_t fit = fixture->fit_count;
+
+	for (uint32_t i = 0; i < 3; i++)
+		take(fixture, i, 0, fit / 2, true);
+	take(fixture, 3, 400, fit / 3, true);
+	settle_all(fixture);
+	for (uint32_t i = 0; i < 3; i++)
+		assert_int_equal(drawn_from(fixture, i, 0), fit / 2);
+	assert_int_equal(drawn_from(fixture, 3, 400), fit / 3);
+	assert_int_equal(fixture->served->counters.fetches, fit / 2 + fit / 3);
+	/* Who pays for a third of each has room for more of its own. */
+	take(fixture, 3, 400, fit, true);
+	settle_all(fixture);
+	for (uint32_t i = 0; i < 3; i++)
+		assert_int_equal(drawn_from(fixture, i, 0), fit / 2);
+	assert_share(fixture, drawn_from(fixture, 3, 400), 0.5);
+}
+
+static void a_hit_does_not_keep_out_what_matters_more(void **state)
+{
+	struct fixture *fixture = *state;
+	struct visible *visible = &fixture->visible[0];
+	struct wire_entry entries[WANTS_MAX] = { 0 };
+	uint32_t fit = fixture->fit_count;
+
+	/* The less important half is there and held at once; the set is never said anew by itself. */
+	take(fixture, 0, 0, fit, true);
+	settle_all(fixture);
+	for (uint32_t i = 0; i < 2 * fit; i++)
+		entries[i] = (struct wire_entry){ 0, fixture->nodes[i < fit ? 200 + i : i - fit],
+						  (float)(2 * fit - i) };
+	assert_int_equal(visible_take(visible, entries, 2 * fit, visible->serial + 1, true), 0);
+	settle_all(fixture);
+	assert_share(fixture, drawn_from(fixture, 0, 200), 1.0);
+}
+
+static void what_has_settled_stays_settled(void **state)
+{
+	struct fixture *fixture = *state;
+	unsigned seed = 23;
+
+	for (uint32_t step = 0; step < 30; step++) {
+		uint64_t fetches;
+
+		for (uint32_t i = 0; i < SESSION_COUNT; i++)
+			take(fixture, i, (uint32_t)rand_r(&seed) % 250,
+			     fixture->fit_count / 2 + (uint32_t)rand_r(&seed) % 200,
+			     rand_r(&seed) % 3);
+		settle_all(fixture);
+		for (uint32_t i = 0; i < SESSION_COUNT; i++)
+			visible_retire(&fixture->visible[i], fixture->visible[i].serial);
+		settle_all(fixture);
+		fetches = fixture->served->counters.fetches;
+		/* What is said again changes nothing: nothing is read, nobody gives way. */
+		for (uint32_t round = 0; round < 3; round++)
+			for (uint32_t i = 0; i < SESSION_COUNT; i++) {
+				say_again(fixture, i);
+				settle(fixture, &fixture->visible[i]);
+				assert_int_equal(fixture->room.leaving_count, 0);
+			}
+		assert_int_equal(fixture->served->counters.fetches, fetches);
+		assert_true(fixture->room.divided);
+		assert_true(fixture->cache.pinned_bytes * 10 > BUDGET_BYTES * UINT64_C(8));
+	}
 }
 
 static void closing_a_store_gives_everything_back(void **state)
@@ -593,6 +787,11 @@ int main(void)
 		VISIBLE_TEST(what_was_refused_comes_when_another_session_lets_go),
 		VISIBLE_TEST(what_another_session_holds_is_never_taken),
 		VISIBLE_TEST(what_matters_more_revokes_a_hold_of_the_same_session),
+		VISIBLE_TEST(sessions_share_by_account_then_equally),
+		VISIBLE_TEST(what_nobody_claims_is_used_and_taken_back),
+		VISIBLE_TEST(what_several_want_takes_its_room_once),
+		VISIBLE_TEST(a_hit_does_not_keep_out_what_matters_more),
+		VISIBLE_TEST(what_has_settled_stays_settled),
 		VISIBLE_TEST(closing_a_store_gives_everything_back),
 		cmocka_unit_test_setup_teardown(
 			unreadable_nodes_are_refused_and_read_when_they_are_wanted_anew,

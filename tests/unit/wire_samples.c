@@ -111,7 +111,7 @@ static void error_fill(struct wire_error *message)
 static const enum wire_type types[WIRE_SAMPLE_COUNT] = {
 	WIRE_HELLO,   WIRE_OPEN,    WIRE_CLOSE,  WIRE_SET,     WIRE_RETIRE,       WIRE_PREFETCH,
 	WIRE_STATUS,  WIRE_WELCOME, WIRE_OPENED, WIRE_SEGMENT, WIRE_SEGMENT_GONE, WIRE_EVENT,
-	WIRE_NOT_NOW, WIRE_TEXT,    WIRE_ERROR,  WIRE_ADMIN,   WIRE_NODES,
+	WIRE_NOT_NOW, WIRE_TEXT,    WIRE_ERROR,  WIRE_ADMIN,   WIRE_NODES,        WIRE_RECALL,
 };
 
 /* Fills the body.  Returns: the message's length. */
@@ -124,6 +124,7 @@ static size_t body_fill(enum wire_type type)
 	struct wire_segment *segment = (void *)memory;
 	struct wire_segment_gone *gone = (void *)memory;
 	struct wire_event *event = (void *)memory;
+	struct wire_recall *recall = (void *)memory;
 
 	switch (type) {
 	case WIRE_HELLO:
@@ -169,6 +170,9 @@ static size_t body_fill(enum wire_type type)
 	case WIRE_EVENT:
 		*event = (struct wire_event){ .serial = 77, .settled = 1, .missing_count = 4 };
 		return sizeof(*event);
+	case WIRE_RECALL:
+		recall->serial = 77;
+		return sizeof(*recall);
 	case WIRE_NOT_NOW:
 		return not_now_fill((void *)memory);
 	case WIRE_NODES:
