@@ -100,7 +100,7 @@ static bool probe_shows(struct renderer *renderer, const struct target *target,
 
 	target_begin(target, background);
 	renderer_begin(renderer, &style);
-	renderer_set_view(renderer, &view, 0);
+	renderer_set_view(renderer, &view, 0, 0);
 	renderer_draw(renderer, payload, 0);
 	target_read(target, pixels);
 	for (size_t i = 0; i < ARRAY_LENGTH(pixels); i++) {

@@ -161,7 +161,7 @@ static uint64_t time_once(struct probe *probe, draw_fn draw, uint32_t repeat_cou
 
 	target_begin(&probe->target, background);
 	renderer_begin(probe->renderer, &style);
-	renderer_set_view(probe->renderer, &flat_view, 0);
+	renderer_set_view(probe->renderer, &flat_view, 0, 0);
 	for (uint32_t i = 0; i < repeat_count; i++)
 		draw(probe);
 	glFinish();

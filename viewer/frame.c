@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "viewer/frame.h"
+#include "viewer/frame_private.h"
 
 #include <errno.h>
 #include <stdlib.h>
@@ -9,34 +9,6 @@
 #include "formats/base/clock.h"
 #include "formats/base/log.h"
 #include "viewer/cost_probe.h"
-#include "viewer/stop.h"
-
-/* How long a settled frame waits without anything new. */
-#define PATIENCE_NS (30 * NS_PER_S)
-/* How often it looks whether the program is to stop. */
-#define WAIT_STEP_MS 100
-/* How often a picture is begun again after a daemon was lost in the midst of it. */
-#define ATTEMPT_MAX 5
-
-/* A node drawn in place. */
-struct drawn {
-	uint32_t store;
-	uint32_t node;
-	struct ooc_place place;
-};
-
-struct frame {
-	struct world *world;
-	struct renderer *renderer;
-	struct residency *residency;
-	GLsync fence; /* of the draws since the last frame_finish(); NULL: none */
-
-	struct drawn *drawn; /* since the last frame_finish() */
-	size_t drawn_count;
-	size_t drawn_room;
-
-	struct ooc_counters counters; /* at the report before */
-};
 
 int frame_create(struct world *world, uint64_t gpu_cache_bytes, struct frame **ret, struct why *why)
 {
@@ -62,6 +34,7 @@ struct frame *frame_destroy(struct frame *frame)
 	if (!frame)
 		return NULL;
 	(void)frame_finish(frame);
+	frame_conservative_destroy(frame->conservative);
 	residency_destroy(frame->residency);
 	renderer_destroy(frame->renderer);
 	free(frame->drawn);
@@ -72,12 +45,23 @@ struct frame *frame_destroy(struct frame *frame)
 const char *frame_way_name(enum frame_way way)
 {
 	static const char *const names[FRAME_WAY_COUNT_] = {
-		[FRAME_WAY_FULL] = "full",
-		[FRAME_WAY_EVERYTHING] = "everything",
-		[FRAME_WAY_BUDGET] = "budget",
+		[FRAME_WAY_FULL] = "full",          [FRAME_WAY_EVERYTHING] = "everything",
+		[FRAME_WAY_BUDGET] = "budget",      [FRAME_WAY_EXACT] = "exact",
+		[FRAME_WAY_NEARLY] = "approximate", [FRAME_WAY_UNTESTED] = "untested",
 	};
 
 	return names[way];
+}
+
+const char *frame_visibility_name(enum frame_visibility visibility)
+{
+	static const char *const names[FRAME_VISIBILITY_COUNT_] = {
+		[FRAME_VISIBILITY_ITEMS] = "items",
+		[FRAME_VISIBILITY_QUERIES] = "queries",
+		[FRAME_VISIBILITY_SOFTWARE] = "software",
+	};
+
+	return names[visibility];
 }
 
 int frame_costs(struct frame *frame, struct cost_model *ret, struct why *why)
@@ -130,8 +114,8 @@ bool frame_finish(struct frame *frame)
 	return is_right;
 }
 
-static void begin_drawing(struct frame *frame, const struct frame_style *style,
-			  const struct render_tile *tile)
+void frame_begin_drawing(struct frame *frame, const struct frame_style *style,
+			 const struct render_tile *tile)
 {
 	struct render_style render = { .channel = style->channel,
 				       .unlit = style->unlit,
@@ -142,8 +126,8 @@ static void begin_drawing(struct frame *frame, const struct frame_style *style,
 }
 
 /* Draws one wanted node.  Returns: 0, or why not, as residency_find() says it. */
-static int draw_want(struct frame *frame, const struct world_want *want, uint32_t *view_of,
-		     struct frame_report *report)
+int frame_draw_want(struct frame *frame, const struct world_want *want, uint32_t *view_of,
+		    struct frame_report *report)
 {
 	struct world_store *store = &frame->world->stores[want->store];
 	struct resident resident;
@@ -154,7 +138,7 @@ static int draw_want(struct frame *frame, const struct world_want *want, uint32_
 	if (r < 0)
 		return r;
 	if (*view_of != want->store) {
-		renderer_set_view(frame->renderer, &store->view, want->store);
+		renderer_set_view(frame->renderer, &store->view, want->store, store->first_seen);
 		*view_of = want->store;
 	}
 	renderer_draw(frame->renderer, &resident.payload, want->node);
@@ -163,7 +147,7 @@ static int draw_want(struct frame *frame, const struct world_want *want, uint32_
 	return 0;
 }
 
-static void end_drawing(struct frame *frame)
+void frame_end_drawing(struct frame *frame)
 {
 	glBindVertexArray(0);
 	frame->fence = glFenceSync(GL_SYNC_GPU_COMMANDS_COMPLETE, 0);
@@ -172,7 +156,7 @@ static void end_drawing(struct frame *frame)
 
 /* ---- reports ---- */
 
-static double ms_since(uint64_t begin_ns)
+double frame_ms_since(uint64_t begin_ns)
 {
 	return (double)(clock_now_ns() - begin_ns) / (double)NS_PER_MS;
 }
@@ -183,7 +167,7 @@ static uint64_t grown_by(uint64_t before, uint64_t now)
 	return now >= before ? now - before : now;
 }
 
-static void finish_report(struct frame *frame, uint64_t begin_ns, struct frame_report *report)
+void frame_finish_report(struct frame *frame, uint64_t begin_ns, struct frame_report *report)
 {
 	struct ooc_counters now;
 
@@ -192,26 +176,27 @@ static void finish_report(struct frame *frame, uint64_t begin_ns, struct frame_r
 	report->bytes_prefetched = grown_by(frame->counters.prefetched_bytes, now.prefetched_bytes);
 	frame->counters = now;
 	report->nodes_missing = report->nodes_wanted - report->nodes_drawn;
-	report->ms = ms_since(begin_ns);
+	report->ms = frame_ms_since(begin_ns);
 }
 
 /* Finds the nodes, and says in the report how. */
-static int look(struct frame *frame, const struct camera *camera, double aspect,
-		const struct frame_style *style, struct frame_report *report, struct why *why)
+int frame_look(struct frame *frame, const struct camera *camera, double aspect,
+	       const struct frame_style *style, struct frame_report *report, struct why *why)
 {
 	struct world *world = frame->world;
 	uint64_t begin_ns = clock_now_ns();
-	int r = world_look(world, camera, aspect, style->mode, style->budget_triangles, why);
+	int r = world_look(world, camera, aspect, &style->choice, why);
 
 	if (r < 0)
 		return r;
-	report->selection_ms = ms_since(begin_ns);
+	report->selection_ms = frame_ms_since(begin_ns);
 	report->nodes_visited = world->nodes_visited;
 	report->nodes_wanted = world->want_count;
-	if (style->mode == WORLD_MODE_FULL)
+	if (style->choice.mode == WORLD_MODE_FULL)
 		return 0;
 	report->way = world->fits_budget ? FRAME_WAY_EVERYTHING : FRAME_WAY_BUDGET;
-	report->budget_triangles = style->budget_triangles;
+	report->budget_triangles = style->choice.budget_triangles;
+	report->order = style->choice.order;
 	return 0;
 }
 
@@ -227,8 +212,13 @@ int frame_draw_live(struct frame *frame, const struct camera *camera, double asp
 	uint32_t view_of = UINT32_MAX;
 	int r;
 
+	if (style->choice.mode == WORLD_MODE_CONSERVATIVE)
+		return frame_draw_shown(frame,
+					&(struct frame_picture){ camera, aspect, style,
+								 &render_tile_whole, target },
+					ret, why);
 	/* The choice needs the HS alone: OpenGL may go on with the frame before. */
-	r = look(frame, camera, aspect, style, &report, why);
+	r = frame_look(frame, camera, aspect, style, &report, why);
 	if (r < 0)
 		return r;
 	(void)frame_finish(frame);
@@ -238,13 +228,13 @@ int frame_draw_live(struct frame *frame, const struct camera *camera, double asp
 		return r;
 	residency_begin(frame->residency, true);
 	target_begin(target, style->background);
-	begin_drawing(frame, style, &render_tile_whole);
+	frame_begin_drawing(frame, style, &render_tile_whole);
 	for (size_t i = 0; i < world->want_count; i++) {
-		if (draw_want(frame, &world->wants[i], &view_of, &report) == -ENOBUFS)
+		if (frame_draw_want(frame, &world->wants[i], &view_of, &report) == -ENOBUFS)
 			report.is_unfinished = residency_has_copied(frame->residency);
 	}
-	end_drawing(frame);
-	finish_report(frame, begin_ns, &report);
+	frame_end_drawing(frame);
+	frame_finish_report(frame, begin_ns, &report);
 	*ret = report;
 	return 0;
 }
@@ -267,208 +257,13 @@ uint64_t frame_pick(struct frame *frame, const struct target *shown, enum channe
 	glEnable(GL_SCISSOR_TEST);
 	glScissor(x, (GLint)target.height - 1 - y, 1, 1);
 	residency_begin(frame->residency, true);
-	begin_drawing(frame, &style, &render_tile_whole);
+	frame_begin_drawing(frame, &style, &render_tile_whole);
 	for (size_t i = 0; i < frame->world->want_count; i++)
-		(void)draw_want(frame, &frame->world->wants[i], &view_of, &report);
-	end_drawing(frame);
+		(void)frame_draw_want(frame, &frame->world->wants[i], &view_of, &report);
+	frame_end_drawing(frame);
 	glDisable(GL_SCISSOR_TEST);
 	item = target_read_item(&target, x, y);
 	(void)frame_finish(frame);
 	target_done(&target);
 	return item;
-}
-
-/* ---- settled ---- */
-
-/* A settled picture on its way. */
-struct settling {
-	size_t first;        /* wants before it are drawn, or will never come */
-	uint64_t missing;    /* of these: will never come */
-	uint64_t news_ns;    /* when something came last */
-	size_t drawable_was; /* ooc_progress() then */
-	bool ask_for_less;   /* nothing came of asking for all: ask for the first alone */
-};
-
-/* Waits until the set that was asked for is settled. */
-static int wait_until_settled(struct frame *frame, struct settling *settling, struct why *why)
-{
-	for (;;) {
-		struct ooc_progress progress;
-		int r = ooc_wait(frame->world->client, WAIT_STEP_MS);
-
-		if (stop_requested())
-			return why_set(why, -ECANCELED, "interrupted");
-		if (r == 0)
-			return 0;
-		if (r != -ETIMEDOUT && r != -ENOTCONN)
-			return why_set(why, r, "waiting for nodes: %s",
-				       ooc_error_text(frame->world->client));
-		ooc_progress(frame->world->client, &progress);
-		if (progress.drawable_count != settling->drawable_was) {
-			settling->drawable_was = progress.drawable_count;
-			settling->news_ns = clock_now_ns();
-		}
-		if (clock_now_ns() - settling->news_ns < PATIENCE_NS)
-			continue;
-		if (r == -ENOTCONN)
-			return why_set(why, r,
-				       "the daemon is gone and does not come back: start "
-				       "it again (oocd), or look at its log");
-		return why_set(why, r, "%zu of %zu nodes have not come for %d seconds",
-			       progress.want_count - progress.drawable_count, progress.want_count,
-			       (int)(PATIENCE_NS / NS_PER_S));
-	}
-}
-
-/* Says once what is wrong with a node.  Returns: false when it may yet come. */
-static bool never_comes(const struct frame *frame, const struct world_want *want)
-{
-	const struct world_store *store = &frame->world->stores[want->store];
-
-	switch (ooc_not_now(store->store, want->node)) {
-	case OOC_REASON_DAMAGED:
-		log_warning("%s: node %u is damaged and not drawn; `oocctl verify` tells more",
-			    store->path, want->node);
-		return true;
-	case OOC_REASON_UNREADABLE:
-		log_warning("%s: node %u cannot be read and is not drawn; the daemon's log has "
-			    "the reason",
-			    store->path, want->node);
-		return true;
-	case OOC_REASON_LOST:
-		log_warning("%s: the daemon serves it no longer; node %u is not drawn", store->path,
-			    want->node);
-		return true;
-	case OOC_REASON_NONE:
-	case OOC_REASON_FULL:
-	case OOC_REASON_NO_MEMORY:
-		break;
-	}
-	return false;
-}
-
-/*
- * Draws from the first node on as far as they have come without a gap.  Returns: 0, -ESTALE when
- * what was drawn was overwritten meanwhile, or -ENOMEM.
- */
-static int draw_portion(struct frame *frame, struct settling *settling, struct frame_report *report)
-{
-	const struct world *world = frame->world;
-	uint32_t view_of = UINT32_MAX;
-	int r = 0;
-
-	residency_begin(frame->residency, false);
-	while (settling->first < world->want_count) {
-		const struct world_want *want = &world->wants[settling->first];
-
-		r = draw_want(frame, want, &view_of, report);
-		if (r == -EAGAIN && never_comes(frame, want)) {
-			settling->missing++;
-			r = 0;
-		}
-		if (r < 0)
-			break;
-		settling->first++;
-	}
-	end_drawing(frame);
-	report->portions++;
-	if (!frame_finish(frame))
-		return -ESTALE;
-	return r == -ENOMEM ? r : 0;
-}
-
-/* Nothing of a portion could be drawn: others hold what there is.  Waits a little. */
-static int be_patient(struct frame *frame, struct settling *settling, struct why *why)
-{
-	const struct timespec pause = { .tv_nsec = (long)(20 * NS_PER_MS) };
-	const struct world_want *want = &frame->world->wants[settling->first];
-	const struct world_store *store = &frame->world->stores[want->store];
-
-	if (stop_requested())
-		return why_set(why, -ECANCELED, "interrupted");
-	if (clock_now_ns() - settling->news_ns > PATIENCE_NS)
-		return why_set(why, -ENOBUFS,
-			       "%s: node %u needs %u bytes, and the daemon's cache has had no room "
-			       "for them for %d seconds: give it a larger --cache-size",
-			       store->path, want->node, store->nodes[want->node].payload_bytes,
-			       (int)(PATIENCE_NS / NS_PER_S));
-	/* A set that has not changed says nothing: take turns. */
-	settling->ask_for_less = !settling->ask_for_less;
-	(void)nanosleep(&pause, NULL);
-	return 0;
-}
-
-/* One attempt at the whole list.  Returns: 0, -ESTALE when it must be begun again, or -errno. */
-static int draw_all(struct frame *frame, struct settling *settling, struct frame_report *report,
-		    struct why *why)
-{
-	struct world *world = frame->world;
-	uint64_t waiting_ns;
-	int r;
-
-	do {
-		size_t first_was = settling->first;
-		size_t count = world->want_count - settling->first;
-
-		if (settling->ask_for_less)
-			count = count > 1 ? 1 : 0;
-		r = world_ask(world, settling->first, count, why);
-		if (r < 0)
-			return r;
-		waiting_ns = clock_now_ns();
-		r = wait_until_settled(frame, settling, why);
-		report->waited_ms += ms_since(waiting_ns);
-		if (r < 0)
-			return r;
-		r = draw_portion(frame, settling, report);
-		if (r == -ENOMEM)
-			return why_errno(why, r, "OpenGL's buffers");
-		if (r < 0)
-			return r;
-		if (settling->first > first_was) {
-			settling->news_ns = clock_now_ns();
-			settling->ask_for_less = false;
-		} else if (settling->first < world->want_count) {
-			waiting_ns = clock_now_ns();
-			r = be_patient(frame, settling, why);
-			report->waited_ms += ms_since(waiting_ns);
-			if (r < 0)
-				return r;
-		}
-	} while (settling->first < world->want_count);
-	return 0;
-}
-
-int frame_draw_settled(struct frame *frame, const struct camera *camera, double aspect,
-		       const struct frame_style *style, const struct render_tile *tile,
-		       const struct target *target, struct frame_report *ret, struct why *why)
-{
-	struct frame_report found = { 0 };
-	struct frame_report report;
-	uint64_t begin_ns = clock_now_ns();
-	int r;
-
-	r = look(frame, camera, aspect, style, &found, why);
-	if (r < 0)
-		return r;
-	(void)frame_finish(frame);
-	for (int attempt = 1;; attempt++) {
-		struct settling settling = { .news_ns = clock_now_ns() };
-
-		report = found;
-		target_begin(target, style->background);
-		begin_drawing(frame, style, tile);
-		r = draw_all(frame, &settling, &report, why);
-		if (r != -ESTALE)
-			break;
-		if (attempt == ATTEMPT_MAX)
-			return why_set(why, -ENOTCONN,
-				       "the daemon was lost %d times during one picture",
-				       ATTEMPT_MAX);
-	}
-	if (r < 0)
-		return r;
-	finish_report(frame, begin_ns, &report);
-	*ret = report;
-	return 0;
 }

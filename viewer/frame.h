@@ -7,6 +7,12 @@
  * into the same target: hold, draw, finish, let go, next.  It draws the nodes in the order of the
  * list whatever the portions are, so that equal depths fall out the same.
  *
+ * A conservative frame (WORLD_MODE_CONSERVATIVE) finds out while it draws: what showed in the frame
+ * before is drawn first, then the boxes of all other candidates are tested and what shows is drawn
+ * (libclient/select/conservative.h).  A live one waits for what shows and is not there, in all
+ * no longer than its deadline.  A settled one draws what was found once more, in the order of the list, so that it is the
+ * picture of the whole frustum to the last tie in depth.
+ *
  * Rules:
  *   1. The daemon may overwrite what the newest set does not hold, and segments may go, with the next
  *      set, dispatch or wait.  So OpenGL finishes all draws before any of these (frame_finish()).
@@ -22,6 +28,7 @@
 #include <stdint.h>
 
 #include "formats/base/why.h"
+#include "libclient/select/select.h"
 #include "viewer/cost_model.h"
 #include "viewer/renderer.h"
 #include "viewer/residency.h"
@@ -30,10 +37,24 @@
 
 struct frame;
 
+/** How a conservative frame tests what shows. */
+enum frame_visibility {
+	FRAME_VISIBILITY_ITEMS,    /* full-resolution item buffer: boxes flag themselves */
+	FRAME_VISIBILITY_QUERIES,  /* an occlusion query a box */
+	FRAME_VISIBILITY_SOFTWARE, /* libclient/select/occlusion.h */
+	FRAME_VISIBILITY_COUNT_
+};
+
+/** "items", "queries" or "software". */
+const char *frame_visibility_name(enum frame_visibility visibility);
+
 /** How a picture is to be. */
 struct frame_style {
-	enum world_mode mode;
-	uint64_t budget_triangles; /* WORLD_MODE_APPROXIMATE */
+	struct world_choice choice;
+	/* WORLD_MODE_CONSERVATIVE: */
+	enum frame_visibility visibility;
+	double query_latency_ms; /* FRAME_VISIBILITY_QUERIES: as if OpenGL answered so late */
+	double deadline_ms;      /* how long a live frame waits, in all, for what shows */
 	enum channel channel;
 	bool unlit;
 	uint8_t background[3];
@@ -44,10 +65,13 @@ enum frame_way {
 	FRAME_WAY_FULL,       /* all that is in the frustum, as was asked for */
 	FRAME_WAY_EVERYTHING, /* likewise: the whole world fits the budget */
 	FRAME_WAY_BUDGET,     /* what most likely shows, up to the budget */
+	FRAME_WAY_EXACT,      /* what shows: the picture is that of FRAME_WAY_FULL */
+	FRAME_WAY_NEARLY,     /* likewise, by a test that is not known to be exact here */
+	FRAME_WAY_UNTESTED, /* all that is in the frustum, for so much shows that testing would cost */
 	FRAME_WAY_COUNT_
 };
 
-/** "full", "everything" or "budget". */
+/** "full", "everything", ... */
 const char *frame_way_name(enum frame_way way);
 
 /** What a frame was. */
@@ -57,7 +81,14 @@ struct frame_report {
 	double waited_ms;          /* of it, for the daemon */
 	double selection_ms;       /* of it, to find the nodes */
 	uint64_t budget_triangles; /* 0: none */
+	enum select_order order;   /* FRAME_WAY_BUDGET */
 	uint64_t nodes_visited;    /* of the HS, to find the nodes */
+	/* FRAME_WAY_EXACT and _NEARLY; in a settled picture what it took to find the nodes: */
+	uint64_t nodes_shown;  /* that have a pixel in the end, as far as the test says */
+	uint64_t rounds;       /* of tests and draws */
+	uint64_t boxes_tested; /* in them, by whatever way */
+	uint64_t queries;      /* occlusion queries begun */
+	bool is_incomplete;    /* live, and some of what shows had not come by the deadline */
 	uint64_t nodes_wanted;
 	uint64_t nodes_drawn;
 	uint64_t nodes_missing;

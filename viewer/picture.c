@@ -91,7 +91,12 @@ static void add_report(struct frame_report *sum, const struct frame_report *tile
 	sum->waited_ms += tile->waited_ms;
 	sum->selection_ms += tile->selection_ms;
 	sum->budget_triangles = tile->budget_triangles;
+	sum->order = tile->order;
 	sum->nodes_visited += tile->nodes_visited;
+	sum->nodes_shown += tile->nodes_shown;
+	sum->rounds += tile->rounds;
+	sum->boxes_tested += tile->boxes_tested;
+	sum->queries += tile->queries;
 	sum->nodes_wanted = tile->nodes_wanted;
 	sum->nodes_drawn = tile->nodes_drawn;
 	sum->nodes_missing = tile->nodes_missing;

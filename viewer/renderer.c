@@ -72,6 +72,7 @@ struct renderer {
 	struct render_style style;
 	const struct camera_view *view;
 	uint32_t store_index;
+	uint32_t first_seen;
 };
 
 static void create_vertex_array(GLuint *ret, bool is_float, enum normal_kind normal,
@@ -204,10 +205,11 @@ static void set_lamp(const struct camera_view *view)
 }
 
 void renderer_set_view(struct renderer *renderer, const struct camera_view *view,
-		       uint32_t store_index)
+		       uint32_t store_index, uint32_t first_seen)
 {
 	renderer->view = view;
 	renderer->store_index = store_index;
+	renderer->first_seen = first_seen;
 	glUniform4fv(LOCATION_CLIP_ROWS, 4, &view->view_projection[0][0]);
 	/* The triangle channel of a payload without normals has no use for the eye, nor a place. */
 	if (renderer->program == renderer->item_program)
@@ -284,7 +286,8 @@ void renderer_draw(struct renderer *renderer, const struct gpu_payload *payload,
 	flags |= normal ? NODE_HAS_NORMAL : 0;
 	flags |= colour ? NODE_HAS_COLOUR : 0;
 	flags |= triangle_id ? NODE_HAS_TRIANGLE_ID : 0;
-	glUniform4ui(LOCATION_NODE_ITEM, flags, node_index, renderer->store_index, 0);
+	glUniform4ui(LOCATION_NODE_ITEM, flags, node_index, renderer->store_index,
+		     renderer->first_seen + node_index);
 	camera_node_offset(renderer->view, header->origin, offset);
 	glUniform4f(LOCATION_NODE_TRANSFORM, offset[0], offset[1], offset[2], (float)header->scale);
 	glDrawElements(GL_TRIANGLES, (GLsizei)(3 * header->triangle_count),

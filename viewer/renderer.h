@@ -43,9 +43,14 @@ struct render_style {
 /** Begins to draw in a style.  To be called again when anyone else has used GL since. */
 void renderer_begin(struct renderer *renderer, const struct render_style *style);
 
-/** What follows belongs to this store. */
+/**
+ * What follows belongs to this store.
+ *
+ * first_seen:  with a second colour attachment, of one unsigned number a pixel, node i of the store
+ *              writes first_seen + i there, whatever the channel is.
+ */
 void renderer_set_view(struct renderer *renderer, const struct camera_view *view,
-		       uint32_t store_index);
+		       uint32_t store_index, uint32_t first_seen);
 
 /** Draws a payload of triangles. */
 void renderer_draw(struct renderer *renderer, const struct gpu_payload *payload,

@@ -118,6 +118,17 @@ int residency_find(struct residency *residency, uint32_t store_index, const stru
 	return r < 0 ? r : find_copy(residency, store_index, store, node, ret);
 }
 
+bool residency_has(struct residency *residency, uint32_t store_index, const struct ooc_store *store,
+		   uint32_t node)
+{
+	struct gpu_payload payload;
+	struct ooc_place place;
+
+	return (residency->cache &&
+		gpu_cache_find(residency->cache, store_index, node, &payload)) ||
+	       ooc_locate(store, node, &place) == 0;
+}
+
 bool residency_has_copied(const struct residency *residency)
 {
 	return residency->frame_copied_bytes > 0;

@@ -61,6 +61,10 @@ struct resident {
 int residency_find(struct residency *residency, uint32_t store_index, const struct ooc_store *store,
 		   uint32_t node, struct resident *ret);
 
+/** Would residency_find() find the node, or could copy it? */
+bool residency_has(struct residency *residency, uint32_t store_index, const struct ooc_store *store,
+		   uint32_t node);
+
 /** Has anything been copied in this frame?  Else another frame would show no more than this one. */
 bool residency_has_copied(const struct residency *residency);
 

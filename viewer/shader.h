@@ -16,6 +16,9 @@ extern const char shader_text_surface_glsl[];
 extern const char shader_text_shade_frag[];
 extern const char shader_text_item_frag[];
 extern const char shader_text_normal_frag[];
+extern const char shader_text_box_vert[];
+extern const char shader_text_box_flag_frag[];
+extern const char shader_text_box_query_frag[];
 extern const char shader_text_text_vert[];
 extern const char shader_text_text_frag[];
 

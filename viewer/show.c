@@ -28,7 +28,7 @@ void show_set_budget(struct show *show, uint32_t width, uint32_t height, struct 
 		return;
 	if (show->pace.pixels != pixels)
 		pace_resize(&show->pace, &show->costs, pixels);
-	style->budget_triangles = show->pace.budget_triangles;
+	style->choice.budget_triangles = show->pace.budget_triangles;
 }
 
 /* Writes the camera of a frame to the recording, if there is one. */
@@ -49,7 +49,7 @@ int show_add(struct show *show, const struct camera *camera, const struct frame_
 {
 	int r = statistics_add(&show->statistics, camera->time_s, report, why);
 
-	if (show->pace.fps > 0.0)
+	if (show->pace.fps > 0.0 && report->budget_triangles > 0)
 		pace_add(&show->pace, report->ms - report->waited_ms, (double)report->triangles);
 	return r < 0 ? r : record(show, camera, why);
 }

@@ -12,7 +12,8 @@
 
 static const char csv_header[] =
 	"frame,t,ms,nodes_wanted,nodes_drawn,nodes_missing,triangles,bytes_fetched,bytes_prefetched,"
-	"way,budget,selection_ms,nodes_visited,waited_ms";
+	"way,budget,selection_ms,nodes_visited,waited_ms,order,nodes_shown,rounds,boxes_tested,"
+	"queries,incomplete";
 
 int statistics_init(struct statistics *ret, const char *csv_path, struct why *why)
 {
@@ -72,7 +73,12 @@ int statistics_add(struct statistics *statistics, double time_s, const struct fr
 	sum->selection_ms += report->selection_ms;
 	sum->waited_ms += report->waited_ms;
 	sum->nodes_visited += report->nodes_visited;
+	sum->nodes_shown += report->nodes_shown;
+	sum->rounds += report->rounds;
+	sum->boxes_tested += report->boxes_tested;
+	sum->queries += report->queries;
 	statistics->way_frames[report->way]++;
+	statistics->incomplete_frames += report->is_incomplete;
 	sum->nodes_wanted += report->nodes_wanted;
 	sum->nodes_drawn += report->nodes_drawn;
 	sum->nodes_missing += report->nodes_missing;
@@ -88,11 +94,15 @@ int statistics_add(struct statistics *statistics, double time_s, const struct fr
 	errno = 0;
 	if (fprintf(statistics->csv,
 		    "%zu,%.17g,%.3f,%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64
-		    ",%" PRIu64 ",%s,%" PRIu64 ",%.3f,%" PRIu64 ",%.3f\n",
+		    ",%" PRIu64 ",%s,%" PRIu64 ",%.3f,%" PRIu64 ",%.3f,%s,%" PRIu64 ",%" PRIu64
+		    ",%" PRIu64 ",%" PRIu64 ",%d\n",
 		    frame, time_s, report->ms, report->nodes_wanted, report->nodes_drawn,
 		    report->nodes_missing, report->triangles, report->bytes_fetched,
 		    report->bytes_prefetched, frame_way_name(report->way), report->budget_triangles,
-		    report->selection_ms, report->nodes_visited, report->waited_ms) < 0)
+		    report->selection_ms, report->nodes_visited, report->waited_ms,
+		    report->way == FRAME_WAY_BUDGET ? select_order_name(report->order) : "",
+		    report->nodes_shown, report->rounds, report->boxes_tested, report->queries,
+		    report->is_incomplete) < 0)
 		return why_errno(why, errno ? -errno : -EIO, "%s", statistics->csv_path);
 	return 0;
 }
@@ -147,7 +157,11 @@ void statistics_write_json(const struct statistics *statistics, const struct sta
 	for (enum frame_way way = 0; way < FRAME_WAY_COUNT_; way++)
 		(void)fprintf(out, "%s\"%s\":%zu", way == 0 ? "" : ",", frame_way_name(way),
 			      statistics->way_frames[way]);
-	(void)fprintf(out, "}");
+	(void)fprintf(out,
+		      "},\"incomplete_frames\":%zu,\"nodes_shown\":%" PRIu64 ",\"rounds\":%" PRIu64
+		      ",\"boxes_tested\":%" PRIu64 ",\"queries\":%" PRIu64,
+		      statistics->incomplete_frames, sum->nodes_shown, sum->rounds,
+		      sum->boxes_tested, sum->queries);
 	(void)fprintf(out, ",\"triangles\":%" PRIu64 ",\"triangles_max\":%" PRIu64, sum->triangles,
 		      statistics->triangles_max);
 	(void)fprintf(out,

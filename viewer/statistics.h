@@ -21,6 +21,7 @@ struct statistics {
 	size_t frame_count;
 	size_t frame_room;
 	size_t way_frames[FRAME_WAY_COUNT_]; /* how many went each way */
+	size_t incomplete_frames;
 	struct frame_report sum;
 	uint64_t triangles_max;
 	uint64_t nodes_missing_last;

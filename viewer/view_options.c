@@ -12,10 +12,13 @@
 #include "viewer/camera_path.h"
 #include "viewer/image.h"
 
-#define BUDGET_DEFAULT 1000000u
-#define REPEAT_MAX     1000000u
-#define FPS_MIN        0.1
-#define FPS_MAX        1000.0
+#define BUDGET_DEFAULT      1000000u
+#define DEADLINE_MS_DEFAULT 33.0
+#define REPEAT_MAX          1000000u
+#define FPS_MIN             0.1
+#define FPS_MAX             1000.0
+#define MS_MAX              3.6e6
+#define MS_A_S              1000.0
 
 static const char help[] =
 	"Usage: oocview [OPTION]... STORE.ooc|MODEL...\n"
@@ -24,9 +27,16 @@ static const char help[] =
 	"cache folder first, and that store is used again while the model is unchanged.\n"
 	"\n"
 	"What is drawn:\n"
-	"      --mode full|approximate  all that is in view, or what most likely shows (full)\n"
+	"      --mode full|approximate|conservative\n"
+	"                            all that is in view, what most likely shows, or what shows (full)\n"
 	"      --budget N            triangles a frame with --mode approximate (1000000)\n"
 	"      --fps N               approximate, with the budget that N frames a second leave here\n"
+	"      --order NAME          what goes first there: layer, solidity, extinction,\n"
+	"                            transmittance, distance or auto (auto)\n"
+	"      --visibility NAME     how --mode conservative tests: items, queries or software (items)\n"
+	"      --deadline MS         how long a frame waits there, in all, for what shows and is not\n"
+	"                            there; then it is drawn without (33, or one frame of --fps)\n"
+	"      --query-latency MS    as if occlusion queries were answered so late (0)\n"
 	"      --preset NAME         iwalk-2002 or iwalk-2003: a published configuration, which\n"
 	"                            other options change\n"
 	"      --camera ROW|FILE     t,eye_x,eye_y,eye_z,at_x,at_y,at_z,up_x,up_y,up_z,fov_y,\n"
@@ -68,6 +78,10 @@ enum option_key {
 	OPTION_MODE = 256,
 	OPTION_BUDGET,
 	OPTION_FPS,
+	OPTION_ORDER,
+	OPTION_VISIBILITY,
+	OPTION_DEADLINE,
+	OPTION_QUERY_LATENCY,
 	OPTION_PRESET,
 	OPTION_SPEED,
 	OPTION_CAMERA,
@@ -92,6 +106,10 @@ static const struct option long_options[] = {
 	{ "mode", required_argument, NULL, OPTION_MODE },
 	{ "budget", required_argument, NULL, OPTION_BUDGET },
 	{ "fps", required_argument, NULL, OPTION_FPS },
+	{ "order", required_argument, NULL, OPTION_ORDER },
+	{ "visibility", required_argument, NULL, OPTION_VISIBILITY },
+	{ "deadline", required_argument, NULL, OPTION_DEADLINE },
+	{ "query-latency", required_argument, NULL, OPTION_QUERY_LATENCY },
 	{ "preset", required_argument, NULL, OPTION_PRESET },
 	{ "speed", required_argument, NULL, OPTION_SPEED },
 	{ "camera", required_argument, NULL, OPTION_CAMERA },
@@ -122,6 +140,7 @@ struct given {
 	double speed;
 	bool has_mode;
 	bool has_budget;
+	bool has_deadline;
 };
 
 static int to_size(const char *text, struct picture_size *ret)
@@ -161,9 +180,31 @@ static int to_mode(const char *text, enum world_mode *ret)
 		*ret = WORLD_MODE_FULL;
 	else if (strcmp(text, "approximate") == 0)
 		*ret = WORLD_MODE_APPROXIMATE;
+	else if (strcmp(text, "conservative") == 0)
+		*ret = WORLD_MODE_CONSERVATIVE;
 	else
 		return -EINVAL;
 	return 0;
+}
+
+static int to_visibility(const char *text, enum frame_visibility *ret)
+{
+	for (enum frame_visibility i = 0; i < FRAME_VISIBILITY_COUNT_; i++) {
+		if (strcmp(text, frame_visibility_name(i)) == 0) {
+			*ret = i;
+			return 0;
+		}
+	}
+	return -EINVAL;
+}
+
+static int to_ms(const char *text, double *ret)
+{
+	int r = text_to_double(text, ret);
+
+	if (r < 0)
+		return r;
+	return *ret >= 0.0 && *ret <= MS_MAX ? 0 : -ERANGE;
 }
 
 static int to_fps(const char *text, double *ret)
@@ -181,12 +222,21 @@ static int take_choice(struct options *options, struct given *given, int key, co
 	switch (key) {
 	case OPTION_MODE:
 		given->has_mode = true;
-		return to_mode(value, &options->style.mode);
+		return to_mode(value, &options->style.choice.mode);
 	case OPTION_BUDGET:
 		given->has_budget = true;
-		return text_to_u64(value, &options->style.budget_triangles);
+		return text_to_u64(value, &options->style.choice.budget_triangles);
 	case OPTION_FPS:
 		return to_fps(value, &options->fps);
+	case OPTION_ORDER:
+		return select_order_find(value, &options->style.choice.order);
+	case OPTION_VISIBILITY:
+		return to_visibility(value, &options->style.visibility);
+	case OPTION_DEADLINE:
+		given->has_deadline = true;
+		return to_ms(value, &options->style.deadline_ms);
+	case OPTION_QUERY_LATENCY:
+		return to_ms(value, &options->style.query_latency_ms);
 	case OPTION_PRESET:
 		/* It has been taken before all others (take_preset()). */
 		return options->preset ? 0 : -EINVAL;
@@ -298,8 +348,8 @@ static int judge(const struct options *options, const struct given *given)
 	if (options->fps > 0.0 && given->has_budget)
 		return wrong("%s do not go together: the frame rate sets the budget",
 			     "--fps and --budget");
-	if (options->fps > 0.0 && options->style.mode != WORLD_MODE_APPROXIMATE)
-		return wrong("%s needs --mode approximate", "--fps");
+	if (options->fps > 0.0 && options->style.choice.mode == WORLD_MODE_FULL)
+		return wrong("%s needs --mode approximate or conservative", "--fps");
 	if (given->speed != 1.0 && !given->path)
 		return wrong("%s needs --path", "--speed");
 	if (options->frames_folder && !given->path)
@@ -380,8 +430,10 @@ static void take_preset(struct options *options, int argc, char **argv)
 	optind = 0; /* GNU: begin anew */
 	if (!options->preset)
 		return;
-	options->style.mode = WORLD_MODE_APPROXIMATE;
-	options->style.budget_triangles = options->preset->budget_triangles;
+	options->style.choice.mode = WORLD_MODE_APPROXIMATE;
+	options->style.choice.budget_triangles = options->preset->budget_triangles;
+	options->style.choice.order = SELECT_ORDER_LAYER;
+	options->style.deadline_ms = MS_A_S / options->preset->fps;
 	options->size.width = options->preset->width;
 	options->size.height = options->preset->height;
 }
@@ -390,7 +442,10 @@ enum options_verdict options_read(struct options *ret, int argc, char **argv)
 {
 	struct options options = {
 		.size = { 1280, 720 },
-		.style = { .budget_triangles = BUDGET_DEFAULT, .background = { 0xe9, 0xeb, 0xee } },
+		.style = { .choice = { .order = SELECT_ORDER_AUTO,
+				       .budget_triangles = BUDGET_DEFAULT },
+			   .deadline_ms = DEADLINE_MS_DEFAULT,
+			   .background = { 0xe9, 0xeb, 0xee } },
 		.repeat_count = 1,
 	};
 	struct given given = { .speed = 1.0 };
@@ -419,7 +474,9 @@ enum options_verdict options_read(struct options *ret, int argc, char **argv)
 	options.inputs = argv + optind;
 	options.input_count = (uint32_t)(argc - optind);
 	if (options.fps > 0.0 && !given.has_mode)
-		options.style.mode = WORLD_MODE_APPROXIMATE;
+		options.style.choice.mode = WORLD_MODE_APPROXIMATE;
+	if (options.fps > 0.0 && !given.has_deadline)
+		options.style.deadline_ms = MS_A_S / options.fps;
 	if (judge(&options, &given) < 0)
 		return OPTIONS_WRONG;
 	if (read_cameras(&options, &given) < 0) {

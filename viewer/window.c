@@ -248,21 +248,25 @@ static void take_screenshot(struct window *window)
 
 static void change_budget(struct window *window, double factor)
 {
-	double budget = (double)window->style.budget_triangles * factor;
+	double budget = (double)window->style.choice.budget_triangles * factor;
 
 	budget = fmin(fmax(budget, (double)BUDGET_MIN), (double)BUDGET_MAX);
-	window->style.budget_triangles = (uint64_t)llrint(budget);
+	window->style.choice.budget_triangles = (uint64_t)llrint(budget);
 	/* From here on the budget is a person's. */
 	window->show->pace.fps = 0.0;
-	window->style.mode = WORLD_MODE_APPROXIMATE;
+	window->style.choice.mode = WORLD_MODE_APPROXIMATE;
 	window->must_draw = true;
 }
 
 static void change_mode(struct window *window)
 {
-	bool was_full = window->style.mode == WORLD_MODE_FULL;
+	static const enum world_mode next[] = {
+		[WORLD_MODE_FULL] = WORLD_MODE_APPROXIMATE,
+		[WORLD_MODE_APPROXIMATE] = WORLD_MODE_CONSERVATIVE,
+		[WORLD_MODE_CONSERVATIVE] = WORLD_MODE_FULL,
+	};
 
-	window->style.mode = was_full ? WORLD_MODE_APPROXIMATE : WORLD_MODE_FULL;
+	window->style.choice.mode = next[window->style.choice.mode];
 	window->must_draw = true;
 }
 

@@ -28,7 +28,7 @@ const char window_text_help[] = "left drag      turn about the point under the c
 				"ctrl-C ctrl-V  copy, paste the camera\n"
 				"space          play or stop the path\n"
 				"\n"
-				"M              full or approximate\n"
+				"M              full, approximate, conservative\n"
 				"+ -            budget of triangles\n"
 				"U              colours as they are\n"
 				"P              picture into a file\n"
@@ -90,8 +90,18 @@ static void add_way(char *buffer, const struct window_text_facts *facts)
 		add(buffer, "\napproximate, and all of it fits budget");
 		break;
 	case FRAME_WAY_BUDGET:
-		add(buffer, "\napproximate, budget");
+		add(buffer, "\napproximate by %s, budget", select_order_name(report->order));
 		break;
+	case FRAME_WAY_EXACT:
+	case FRAME_WAY_NEARLY:
+	case FRAME_WAY_UNTESTED:
+		add(buffer, "\nconservative by %s%s%s",
+		    frame_visibility_name(facts->style->visibility),
+		    report->way == FRAME_WAY_NEARLY     ? " (approximate here)"
+		    : report->way == FRAME_WAY_UNTESTED ? " (untested: most of it shows)"
+							: "",
+		    report->is_incomplete ? ", INCOMPLETE" : "");
+		return;
 	case FRAME_WAY_COUNT_:
 		break;
 	}

@@ -29,6 +29,11 @@ static int open_store(struct world *world, const char *path, struct why *why)
 	if (r < 0)
 		return why_errno(why, r, "%s", path);
 
+	if (world->store_count > 1) {
+		const struct world_store *before = store - 1;
+
+		store->first_seen = before->first_seen + (uint32_t)before->superblock->node_count;
+	}
 	unit_metres = world->stores[0].superblock->unit_metres;
 	store->scale = 1.0;
 	if (unit_metres > 0.0 && store->superblock->unit_metres > 0.0)
@@ -151,8 +156,7 @@ static void camera_scaled(const struct camera *camera, double scale, struct came
 	}
 }
 
-static int make_views(struct world *world, const struct camera *camera, double aspect,
-		      struct why *why)
+int world_point(struct world *world, const struct camera *camera, double aspect, struct why *why)
 {
 	struct camera scaled;
 	double near = INFINITY;
@@ -179,30 +183,53 @@ static int make_views(struct world *world, const struct camera *camera, double a
 	return 0;
 }
 
+void world_want_none(struct world *world)
+{
+	world->want_count = 0;
+	world->want_triangles = 0;
+}
+
+static int reserve_wants(struct world *world, size_t count)
+{
+	size_t room = count + count / 2;
+	void *wants;
+	void *ooc_wants;
+
+	if (count <= world->want_room)
+		return 0;
+	wants = realloc(world->wants, room * sizeof(*world->wants));
+	if (!wants)
+		return -ENOMEM;
+	world->wants = wants;
+	ooc_wants = realloc(world->ooc_wants, room * sizeof(*world->ooc_wants));
+	if (!ooc_wants)
+		return -ENOMEM;
+	world->ooc_wants = ooc_wants;
+	world->want_room = room;
+	return 0;
+}
+
+int world_want(struct world *world, const struct world_want *want)
+{
+	int r = reserve_wants(world, world->want_count + 1);
+
+	if (r < 0)
+		return r;
+	world->wants[world->want_count++] = *want;
+	world->want_triangles += world->stores[want->store].nodes[want->node].triangle_count;
+	return 0;
+}
+
 static int add_wants(struct world *world, uint32_t store, const struct selection *selection)
 {
-	size_t count = world->want_count + selection->entry_count;
-
-	if (count > world->want_room) {
-		size_t room = count + count / 2;
-		void *wants = realloc(world->wants, room * sizeof(*world->wants));
-		void *ooc_wants;
-
-		if (!wants)
-			return -ENOMEM;
-		world->wants = wants;
-		ooc_wants = realloc(world->ooc_wants, room * sizeof(*world->ooc_wants));
-		if (!ooc_wants)
-			return -ENOMEM;
-		world->ooc_wants = ooc_wants;
-		world->want_room = room;
-	}
 	for (size_t i = 0; i < selection->entry_count; i++) {
 		const struct selection_entry *entry = &selection->entries[i];
+		int r = world_want(world, &(struct world_want){ .store = store,
+								.node = entry->node,
+								.importance = entry->importance });
 
-		world->wants[world->want_count++] = (struct world_want){
-			.store = store, .node = entry->node, .importance = entry->importance
-		};
+		if (r < 0)
+			return r;
 	}
 	return 0;
 }
@@ -244,37 +271,42 @@ static bool fits(const struct world *world, uint64_t budget_triangles)
 	return budget_triangles == 0 || triangles <= budget_triangles;
 }
 
-int world_look(struct world *world, const struct camera *camera, double aspect,
-	       enum world_mode mode, uint64_t budget_triangles, struct why *why)
+void world_want_sort(struct world *world)
 {
-	struct select_options options = { SELECT_ORDER_AUTO, budget_triangles };
-	int r = make_views(world, camera, aspect, why);
+	qsort(world->wants, world->want_count, sizeof(*world->wants), compare_wants);
+}
+
+int world_look(struct world *world, const struct camera *camera, double aspect,
+	       const struct world_choice *choice, struct why *why)
+{
+	const struct select_options options = { .order = choice->order,
+						.budget_triangles = choice->budget_triangles };
+	int r = world_point(world, camera, aspect, why);
 
 	if (r < 0)
 		return r;
-	world->want_count = 0;
-	world->want_triangles = 0;
+	world_want_none(world);
 	world->nodes_visited = 0;
-	world->fits_budget = mode == WORLD_MODE_APPROXIMATE && fits(world, budget_triangles);
+	world->fits_budget =
+		choice->mode == WORLD_MODE_APPROXIMATE && fits(world, choice->budget_triangles);
 	for (uint32_t i = 0; i < world->store_count; i++) {
 		struct world_store *store = &world->stores[i];
 		struct selection selection;
 
-		if (mode == WORLD_MODE_FULL || world->fits_budget)
+		if (choice->mode == WORLD_MODE_FULL || world->fits_budget)
 			select_frustum(store->selector, &store->view, &selection);
 		else
 			select_approximate(store->selector, &store->view, &options, &selection);
 		r = add_wants(world, i, &selection);
 		if (r < 0)
 			return why_errno(why, r, "the list of wanted nodes");
-		world->want_triangles += selection.triangle_count;
 		world->nodes_visited += selection.nodes_visited;
 	}
 	if (world->store_count == 1)
 		return 0;
-	qsort(world->wants, world->want_count, sizeof(*world->wants), compare_wants);
-	if (mode == WORLD_MODE_APPROXIMATE && !world->fits_budget)
-		apply_budget(world, budget_triangles);
+	world_want_sort(world);
+	if (choice->mode == WORLD_MODE_APPROXIMATE && !world->fits_budget)
+		apply_budget(world, choice->budget_triangles);
 	return 0;
 }
 

@@ -30,13 +30,23 @@ struct world_store {
 	const struct store_node *nodes;
 	struct selector *selector;
 	double scale;            /* world units a unit of the store */
+	uint32_t first_seen;     /* number of its node 0 among the nodes of all stores */
 	bool is_lost;            /* has been said */
 	struct camera_view view; /* of the newest world_look() */
 };
 
 enum world_mode {
-	WORLD_MODE_FULL,        /* all that is in the frustum */
-	WORLD_MODE_APPROXIMATE, /* what most likely shows, up to a budget of triangles */
+	WORLD_MODE_FULL,         /* all that is in the frustum */
+	WORLD_MODE_APPROXIMATE,  /* what most likely shows, up to a budget of triangles */
+	WORLD_MODE_CONSERVATIVE, /* what shows; found while it is drawn (frame.h) */
+};
+
+/** Which nodes a camera is to want. */
+struct world_choice {
+	enum world_mode mode;
+	/* WORLD_MODE_APPROXIMATE: */
+	enum select_order order;
+	uint64_t budget_triangles; /* over all stores; 0: no limit */
 };
 
 /** A wanted node. */
@@ -55,7 +65,7 @@ struct world {
 	struct world_want *wants;
 	size_t want_count;
 	uint64_t want_triangles;
-	uint64_t nodes_visited; /* to find them */
+	uint64_t nodes_visited; /* to find them, by world_look() */
 	bool fits_budget;       /* all of the world does: nothing had to be chosen */
 
 	size_t want_room;
@@ -85,16 +95,24 @@ void world_up(const struct world *world, double ret[3]);
 /** The box of all stores in the world.  Returns: false when there is nothing in it. */
 bool world_box(const struct world *world, double ret_min[3], double ret_max[3]);
 
+/** Points the camera: makes each store's view.  Returns: 0, or -EINVAL when it has no direction. */
+int world_point(struct world *world, const struct camera *camera, double aspect, struct why *why);
+
 /**
- * Points the camera: makes each store's view and the list of wanted nodes.
+ * Points the camera and makes the list of wanted nodes.  A world that has no more triangles than the
+ * budget is not chosen from: all that is in the frustum is wanted.
  *
- * budget_triangles:  for WORLD_MODE_APPROXIMATE; over all stores; 0: no limit.  A world that has no
- *                    more is not chosen from: all that is in the frustum is wanted.
+ * choice:  not of WORLD_MODE_CONSERVATIVE.
  *
  * Returns: 0, -EINVAL when the camera has no direction, or -ENOMEM.
  */
 int world_look(struct world *world, const struct camera *camera, double aspect,
-	       enum world_mode mode, uint64_t budget_triangles, struct why *why);
+	       const struct world_choice *choice, struct why *why);
+
+/** Makes the list by hand: empties it, adds to its end, and sorts it by importance. */
+void world_want_none(struct world *world);
+int world_want(struct world *world, const struct world_want *want);
+void world_want_sort(struct world *world);
 
 /** Asks the daemon for `count` wants from wants[first] on.  Returns: 0 or -errno with the reason. */
 int world_ask(struct world *world, size_t first, size_t count, struct why *why);

@@ -14,6 +14,7 @@ const uint CHANNEL_NODE = 2u;
 
 void main()
 {
+	seen_node = node_item.w;
 	if (item == CHANNEL_PART)
 		pixel = uvec2(surface_part, node_item.z);
 	else if (item == CHANNEL_NODE)

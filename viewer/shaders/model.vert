@@ -21,7 +21,7 @@ layout(std430, binding = 0) readonly buffer run_table
 layout(location = 0) uniform vec4 clip_rows[4];
 layout(location = 4) uniform vec4 tile;           // of the picture: scale x, y, shift x, y
 layout(location = 5) uniform vec4 node_transform; // offset, scale
-layout(location = 6) uniform uvec4 node_item;     // flags, node, store, 0
+layout(location = 6) uniform uvec4 node_item;     // flags, node, store, number
 
 const uint HAS_NORMAL = 1u;
 const uint HAS_COLOUR = 2u;

@@ -3,5 +3,6 @@ layout(location = 0) out vec4 pixel;
 
 void main()
 {
+	seen_node = node_item.w;
 	pixel = vec4(seen_normal(), 1.0);
 }

@@ -14,6 +14,7 @@ void main()
 	vec3 light;
 	float sheen;
 
+	seen_node = node_item.w;
 	if (unlit != 0u) {
 		pixel = vec4(surface_colour.rgb, 1.0);
 		return;

@@ -5,8 +5,10 @@ in vec3 surface_normal;
 in vec4 surface_colour;
 flat in uint surface_part;
 
-layout(location = 6) uniform uvec4 node_item; // flags, node, store, 0
+layout(location = 6) uniform uvec4 node_item; // flags, node, store, number among all that are seen
 layout(location = 7) uniform vec3 eye;        // from the anchor
+
+layout(location = 1) out uint seen_node; // where the target wants to know
 
 const uint HAS_NORMAL = 1u;
 const uint HAS_TRIANGLE_ID = 4u;

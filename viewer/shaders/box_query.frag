@@ -1,0 +1,5 @@
+// SPDX-License-Identifier: MIT
+// A query counts what passes; there is nothing to say.
+void main()
+{
+}
