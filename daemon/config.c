@@ -4,6 +4,7 @@
 #include <ctype.h>
 #include <errno.h>
 #include <grp.h>
+#include <inttypes.h>
 #include <pwd.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -169,15 +170,55 @@ static int set_percent(const char *value, uint32_t *ret, struct why *why)
 	return why_set(why, -EINVAL, "not a share from 0%% to 100%%, as 25%%");
 }
 
-static int set_io(const char *value, enum fetch_kind *ret, struct why *why)
+/* For tests (daemon/README.md): what goes wrong, in thousandths of the reads, as "seed=1,error=10". */
+static int set_sim(const char *value, struct fetch_sim *ret, struct why *why)
+{
+	struct fetch_sim sim = { 0 };
+	const struct {
+		const char *name;
+		uint32_t *permille;
+	} faults[] = {
+		{ "short", &sim.short_permille }, { "interrupt", &sim.interrupt_permille },
+		{ "error", &sim.error_permille }, { "corrupt", &sim.corrupt_permille },
+		{ "delay", &sim.delay_permille },
+	};
+
+	while (*value != '\0') {
+		char name[16];
+		uint64_t number;
+		int length = 0;
+		size_t i = 0;
+
+		if (sscanf(value, "%15[a-z]=%" SCNu64 "%n", name, &number, &length) != 2)
+			return why_set(why, -EINVAL, "not faults, as sim:seed=1,error=10");
+		while (i < ARRAY_LENGTH(faults) && strcmp(faults[i].name, name) != 0)
+			i++;
+		if (i < ARRAY_LENGTH(faults) && number <= 1000)
+			*faults[i].permille = (uint32_t)number;
+		else if (strcmp(name, "seed") == 0)
+			sim.seed = number;
+		else
+			return why_set(why, -EINVAL, "%s: no fault, or not a number from 0 to 1000",
+				       name);
+		value += length;
+		value += *value == ',';
+	}
+	*ret = sim;
+	return 0;
+}
+
+static int set_io(const char *value, struct server_config *ret, struct why *why)
 {
 	if (strcmp(value, "auto") == 0)
-		*ret = FETCH_AUTO;
+		ret->fetch_kind = FETCH_AUTO;
 	else if (strcmp(value, "uring") == 0)
-		*ret = FETCH_URING;
+		ret->fetch_kind = FETCH_URING;
 	else if (strcmp(value, "pread") == 0)
-		*ret = FETCH_PREAD;
-	else
+		ret->fetch_kind = FETCH_PREAD;
+	else if (strncmp(value, "sim:", 4) == 0) {
+		ret->fetch_kind = FETCH_SIM;
+		return set_sim(value + 4, &ret->sim, why);
+	} else
 		return why_set(why, -EINVAL, "not uring, pread or auto");
 	return 0;
 }
@@ -262,7 +303,7 @@ static int set_value(struct whole *whole, void *target, const struct key *key, c
 		r = set_group(value, place, why);
 		break;
 	case KIND_IO:
-		r = set_io(value, place, why);
+		r = set_io(value, &whole->config.server, why);
 		break;
 	case KIND_DISK:
 		r = disk_profile_parse(value, &whole->disk, why);

@@ -42,3 +42,6 @@ target_link_options(test_interleavings PRIVATE
 	-Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc,--wrap=free
 	-Wl,--wrap=memfile_create,--wrap=memfile_publish,--wrap=memfile_done
 	-Wl,--wrap=cache_release,--wrap=arena_give)
+
+oocd_test(test_crowd stress SOURCES stress/test_crowd.c LINK oocd_test_helper
+	NEEDS oocbench oocd)

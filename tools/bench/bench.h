@@ -15,6 +15,8 @@ int verb_exact(int argc, char **argv);
 int verb_fetch(int argc, char **argv);
 int verb_path(int argc, char **argv);
 int verb_select(int argc, char **argv);
+int verb_soak(int argc, char **argv);
+int verb_stress(int argc, char **argv);
 int verb_walk(int argc, char **argv);
 
 /** Says "oocbench VERB: ..." and that --help has more.  Returns: 2. */

@@ -20,6 +20,8 @@ static const struct verb {
 	{ "exact", verb_exact, "proves pictures of a store equal to those of its input" },
 	{ "fetch", verb_fetch, "measures cold fetches against what the disk gives" },
 	{ "build", verb_build, "measures builds against what the disk takes" },
+	{ "stress", verb_stress, "kills clients of a crowd and looks at what the living notice" },
+	{ "soak", verb_soak, "kills clients and daemons for hours, while reads fail" },
 };
 
 static void help(void)
