@@ -328,6 +328,18 @@ static void result_make(struct conservative *conservative, struct conservative_r
 	*ret = *result;
 }
 
+/* Is this frame to be tested? */
+static bool testing_pays(struct conservative *conservative,
+			 const struct conservative_tester *tester)
+{
+	if (conservative->result.candidate_triangles < tester->overhead_triangles)
+		return false;
+	if (conservative->untested_frames == 0)
+		return true;
+	conservative->untested_frames--;
+	return false;
+}
+
 /* A view in which little is hidden is likely followed by others. */
 static void judge_testing(struct conservative *conservative)
 {
@@ -356,8 +368,7 @@ int conservative_begin(struct conservative *conservative, const struct camera_vi
 		start_guess(conservative, start);
 	select_frustum(conservative->selector, view, &selection);
 	candidates_take(conservative, &selection);
-	if (conservative->untested_frames > 0) {
-		conservative->untested_frames--;
+	if (!testing_pays(conservative, tester)) {
 		conservative->result.is_untested = true;
 		for (size_t i = 0; i < conservative->candidate_count; i++)
 			conservative->candidates[i].is_decided = true;

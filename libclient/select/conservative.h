@@ -61,6 +61,8 @@ struct conservative_tester {
 
 	void *context;
 	size_t round_max; /* boxes tested at once, at least 1: few where an answer is quick */
+	/** What testing costs in any case, in triangles: with fewer to draw it does not pay. */
+	uint64_t overhead_triangles;
 };
 
 enum conservative_state {

@@ -8,6 +8,8 @@
  * chance would have it; 2 was best or close to it in three models (README.md).
  */
 #define CATCHES 2.0f
+/** A box is close where its farthest corner is so much farther than its nearest. */
+#define CLOSE_RATIO 2.0f
 /** Rays through the part of the picture that a close box covers, along each axis. */
 #define CLOSE_RAYS 4
 /** What divides is not less, so that nothing flat or far becomes infinite. */
@@ -83,16 +85,23 @@ static void range_add_cut(struct range *range, const struct coverage *coverage,
 		}
 }
 
-/* Returns: does the near plane cut the box? */
+/*
+ * Returns: is the box so close that its near side looks much larger than its far one, or the near
+ * plane cuts it?
+ */
 static bool range_of(const struct coverage *coverage, const struct bounds *bounds,
 		     struct range *ret)
 {
 	float corners[8][3];
+	float nearest = INFINITY;
+	float farthest = 0.0f;
 	unsigned behind = 0;
 
 	*ret = (struct range){ { INFINITY, INFINITY }, { -INFINITY, -INFINITY } };
 	corners_set(coverage->view, bounds, corners);
 	for (unsigned corner = 0; corner < 8; corner++) {
+		nearest = fminf(nearest, corners[corner][2]);
+		farthest = fmaxf(farthest, corners[corner][2]);
 		if (corners[corner][2] > (float)coverage->view->near)
 			range_add(ret, coverage, corners[corner]);
 		else
@@ -100,7 +109,7 @@ static bool range_of(const struct coverage *coverage, const struct bounds *bound
 	}
 	if (behind != 0)
 		range_add_cut(ret, coverage, (const float(*)[3])corners, behind);
-	return behind != 0;
+	return behind != 0 || farthest > CLOSE_RATIO * nearest;
 }
 
 /* The squares that a range touches, and the area of its part in the picture. */

@@ -6,8 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "libclient/select/raster.h"
-
 #define SMALL_SIDE (1u << FARTHEST_SMALL_BITS)
 #define LARGE_SIDE (1u << FARTHEST_LARGE_BITS)
 /** Small squares along a large one. */
@@ -107,21 +105,11 @@ static float large_depth(struct farthest *farthest, uint32_t x, uint32_t y)
 	return depth;
 }
 
-static bool pixels_show(const struct farthest *farthest, const struct raster_rectangle *rectangle,
-			float depth)
-{
-	for (uint32_t y = rectangle->y0; y <= rectangle->y1; y++)
-		for (uint32_t x = rectangle->x0; x <= rectangle->x1; x++)
-			if (farthest->depths[(size_t)y * farthest->width + x] <= depth)
-				return true;
-	return false;
-}
-
 /* The part of a rectangle in square x, y of 2^bits pixels. */
-static struct raster_rectangle part(const struct raster_rectangle *rectangle, uint32_t x,
+static struct screen_rectangle part(const struct screen_rectangle *rectangle, uint32_t x,
 				    uint32_t y, unsigned bits)
 {
-	struct raster_rectangle square = { x << bits, y << bits, (x << bits) + (1u << bits) - 1,
+	struct screen_rectangle square = { x << bits, y << bits, (x << bits) + (1u << bits) - 1,
 					   (y << bits) + (1u << bits) - 1 };
 
 	if (square.x0 < rectangle->x0)
@@ -133,34 +121,47 @@ static struct raster_rectangle part(const struct raster_rectangle *rectangle, ui
 	return square;
 }
 
-/* A square whose farthest depth is behind shows where it is all inside, else its pixels say. */
-static bool small_shows(struct farthest *farthest, const struct raster_rectangle *rectangle,
-			float depth)
+static bool pixels_show(const struct farthest *farthest, const struct screen_rectangle *rectangle,
+			const struct screen_box *box)
 {
-	const unsigned bits = FARTHEST_SMALL_BITS;
+	for (uint32_t y = rectangle->y0; y <= rectangle->y1; y++)
+		for (uint32_t x = rectangle->x0; x <= rectangle->x1; x++) {
+			const struct screen_rectangle pixel = { x, y, x, y };
 
-	for (uint32_t y = rectangle->y0 >> bits; y <= rectangle->y1 >> bits; y++)
-		for (uint32_t x = rectangle->x0 >> bits; x <= rectangle->x1 >> bits; x++) {
-			struct raster_rectangle pixels = part(rectangle, x, y, bits);
-
-			if (small_depth(farthest, x, y) <= depth &&
-			    pixels_show(farthest, &pixels, depth))
+			if (farthest->depths[(size_t)y * farthest->width + x] <=
+			    screen_box_depth(box, &pixel))
 				return true;
 		}
 	return false;
 }
 
-bool farthest_shows(struct farthest *farthest, const struct raster_rectangle *rectangle,
-		    float depth)
+static bool small_shows(struct farthest *farthest, const struct screen_rectangle *rectangle,
+			const struct screen_box *box)
 {
-	const unsigned bits = FARTHEST_LARGE_BITS;
+	const unsigned bits = FARTHEST_SMALL_BITS;
 
 	for (uint32_t y = rectangle->y0 >> bits; y <= rectangle->y1 >> bits; y++)
 		for (uint32_t x = rectangle->x0 >> bits; x <= rectangle->x1 >> bits; x++) {
-			struct raster_rectangle pixels = part(rectangle, x, y, bits);
+			struct screen_rectangle pixels = part(rectangle, x, y, bits);
 
-			if (large_depth(farthest, x, y) <= depth &&
-			    small_shows(farthest, &pixels, depth))
+			if (small_depth(farthest, x, y) <= screen_box_depth(box, &pixels) &&
+			    pixels_show(farthest, &pixels, box))
+				return true;
+		}
+	return false;
+}
+
+bool farthest_shows(struct farthest *farthest, const struct screen_box *box)
+{
+	const struct screen_rectangle *all = &box->rectangle;
+	const unsigned bits = FARTHEST_LARGE_BITS;
+
+	for (uint32_t y = all->y0 >> bits; y <= all->y1 >> bits; y++)
+		for (uint32_t x = all->x0 >> bits; x <= all->x1 >> bits; x++) {
+			struct screen_rectangle pixels = part(all, x, y, bits);
+
+			if (large_depth(farthest, x, y) <= screen_box_depth(box, &pixels) &&
+			    small_shows(farthest, &pixels, box))
 				return true;
 		}
 	return false;

@@ -14,10 +14,10 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "libclient/select/screen_box.h"
+
 #define FARTHEST_SMALL_BITS 3 /* a small square has 8 x 8 pixels */
 #define FARTHEST_LARGE_BITS 6 /* a large one 64 x 64 */
-
-struct raster_rectangle;
 
 struct farthest {
 	uint32_t width;
@@ -52,8 +52,7 @@ static inline void farthest_touch(struct farthest *farthest, uint32_t x0, uint32
 			farthest->large_stale[y * farthest->large_width + x] = 1;
 }
 
-/** Has a pixel of the rectangle `depth`, or a farther one? */
-bool farthest_shows(struct farthest *farthest, const struct raster_rectangle *rectangle,
-		    float depth);
+/** Has a pixel that the box touches the depth that the box has there, or a farther one? */
+bool farthest_shows(struct farthest *farthest, const struct screen_box *box);
 
 #endif /* LIBCLIENT_SELECT_FARTHEST_H */

@@ -2,14 +2,13 @@
 #include "libclient/select/occlusion.h"
 
 #include <errno.h>
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 /** An answer takes less than a microsecond, and the sooner a node is drawn the more it hides. */
-#define ROUND_MAX 8u
-/** A depth is computed with a relative error of a few of a float's last bits. */
-#define DEPTH_SLACK 1e-5
+#define ROUND_MAX 4u
+/** Clearing the image and looking through it costs as much as a triangle for so many pixels. */
+#define PIXELS_A_TRIANGLE 8u
 
 struct occlusion {
 	uint32_t width;
@@ -60,65 +59,6 @@ const struct raster *occlusion_image(const struct occlusion *occlusion)
 	return occlusion->raster;
 }
 
-/* ---- boxes on the screen ---- */
-
-/* A side of a rectangle: pixels, kept where they can be cast. */
-static uint32_t pixel_of(double value, uint32_t side)
-{
-	return (uint32_t)fmin(fmax(value, 0.0), (double)side - 1.0);
-}
-
-/*
- * The pixels that a box may touch and the nearest depth it has there; it lies in front of the eye.
- * Returns: false when it is beside the picture.
- */
-static bool box_project(const struct occlusion *occlusion, const struct camera_view *view,
-			const struct conservative_box *box, struct raster_rectangle *ret,
-			float *ret_depth)
-{
-	double low[2] = { INFINITY, INFINITY };
-	double high[2] = { -INFINITY, -INFINITY };
-	double nearest = INFINITY;
-
-	for (unsigned corner = 0; corner < 8; corner++) {
-		double x = 0.0;
-		double y = 0.0;
-		double w = 0.0;
-
-		for (unsigned k = 0; k < 3; k++) {
-			double from_eye = (corner >> k & 1 ? box->box_max[k] : box->box_min[k]) -
-					  view->eye[k];
-
-			x += view->right[k] * from_eye;
-			y += view->up[k] * from_eye;
-			w += view->forward[k] * from_eye;
-		}
-		nearest = fmin(nearest, w);
-		x /= w * view->tan_half_x;
-		y /= w * view->tan_half_y;
-		low[0] = fmin(low[0], x);
-		low[1] = fmin(low[1], y);
-		high[0] = fmax(high[0], x);
-		high[1] = fmax(high[1], y);
-	}
-	/* From -1 .. 1, y upwards, to pixels, rows from the top; one more on each side. */
-	low[0] = (0.5 + 0.5 * low[0]) * occlusion->width - 1.0;
-	high[0] = (0.5 + 0.5 * high[0]) * occlusion->width + 1.0;
-	low[1] = (0.5 + 0.5 * low[1]) * occlusion->height - 1.0;
-	high[1] = (0.5 + 0.5 * high[1]) * occlusion->height + 1.0;
-	if (high[0] < 0.0 || high[1] < 0.0 || low[0] >= occlusion->width ||
-	    low[1] >= occlusion->height)
-		return false;
-	*ret = (struct raster_rectangle){
-		pixel_of(low[0], occlusion->width),
-		occlusion->height - 1 - pixel_of(high[1], occlusion->height),
-		pixel_of(high[0], occlusion->width),
-		occlusion->height - 1 - pixel_of(low[1], occlusion->height),
-	};
-	*ret_depth = (float)(view->near / nearest * (1.0 + DEPTH_SLACK));
-	return true;
-}
-
 /* ---- the tester ---- */
 
 static int tester_draw(void *context, const uint32_t *nodes, size_t node_count, bool *ret_drawn)
@@ -144,13 +84,14 @@ static int tester_test(void *context, const struct conservative_box *boxes, size
 {
 	const struct occlusion_store *store = context;
 
-	for (size_t i = 0; i < box_count; i++) {
-		struct raster_rectangle rectangle;
-		float depth;
+	const uint32_t side[2] = { store->occlusion->width, store->occlusion->height };
 
-		ret_shows[i] =
-			box_project(store->occlusion, store->view, &boxes[i], &rectangle, &depth) &&
-			raster_shows(store->occlusion->raster, &rectangle, depth);
+	for (size_t i = 0; i < box_count; i++) {
+		struct screen_box box;
+
+		ret_shows[i] = screen_box_set(&box, store->view, side, boxes[i].box_min,
+					      boxes[i].box_max) &&
+			       raster_shows(store->occlusion->raster, &box);
 	}
 	return 0;
 }
@@ -191,9 +132,14 @@ static int tester_remain(void *context, const uint32_t *nodes, size_t node_count
 
 struct conservative_tester occlusion_tester(struct occlusion_store *store)
 {
+	const struct occlusion *occlusion = store->occlusion;
+	uint64_t pixel_count = (uint64_t)occlusion->width * occlusion->height;
+
 	return (struct conservative_tester){ .draw = tester_draw,
 					     .test = tester_test,
 					     .remain = tester_remain,
 					     .context = store,
-					     .round_max = ROUND_MAX };
+					     .round_max = ROUND_MAX,
+					     .overhead_triangles =
+						     pixel_count / PIXELS_A_TRIANGLE };
 }

@@ -113,10 +113,11 @@ int raster_keep_farthest(struct raster *raster)
 	return r;
 }
 
-bool raster_shows(struct raster *raster, const struct raster_rectangle *rectangle, float depth)
+bool raster_shows(struct raster *raster, const struct screen_box *box)
 {
-	CHECK(raster->farthest && rectangle->x1 < raster->width && rectangle->y1 < raster->height);
-	return farthest_shows(raster->farthest, rectangle, depth);
+	CHECK(raster->farthest && box->rectangle.x1 < raster->width &&
+	      box->rectangle.y1 < raster->height);
+	return farthest_shows(raster->farthest, box);
 }
 
 const uint64_t *raster_items(const struct raster *raster)

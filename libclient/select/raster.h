@@ -16,6 +16,7 @@
 #include <stdint.h>
 
 #include "libclient/select/camera.h"
+#include "libclient/select/screen_box.h"
 
 #define RASTER_ITEM_NONE UINT64_MAX
 
@@ -64,18 +65,14 @@ int raster_draw_payload(struct raster *raster, const struct camera_view *view, c
  */
 int raster_keep_farthest(struct raster *raster);
 
-/** Pixels first .. last, both inclusive, rows from the top. */
-struct raster_rectangle {
-	uint32_t x0, y0, x1, y1;
-};
-
 /**
- * Says whether something at `depth` would show in a rectangle: whether a pixel there has that depth
- * or a farther one.  raster_keep_farthest() came before.
+ * Says whether something in a box may show: whether a pixel that the box touches has the box's depth
+ * there, or a farther one.  raster_keep_farthest() came before; the box is on a screen of this size.
  *
- * Cost: a look at each square of 64 pixels of the rectangle, mostly, and of 8 or 1 at its border.
+ * Cost: a look at each square of 64 x 64 pixels that the box touches, where that does not decide it
+ * at those of 8 x 8 in it, and then at pixels.
  */
-bool raster_shows(struct raster *raster, const struct raster_rectangle *rectangle, float depth);
+bool raster_shows(struct raster *raster, const struct screen_box *box);
 
 /** width x height, top row first; RASTER_ITEM_NONE and depth 0 where nothing was drawn. */
 const uint64_t *raster_items(const struct raster *raster);
