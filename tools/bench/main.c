@@ -17,6 +17,7 @@ static const struct verb {
 	{ "path", verb_path, "makes a camera path through or around a store" },
 	{ "select", verb_select, "compares sets of nodes with what shows exactly" },
 	{ "walk", verb_walk, "goes along a path and says what fetching and looking ahead give" },
+	{ "chart", verb_chart, "charts accuracy against speed, and finds the knee" },
 	{ "exact", verb_exact, "proves pictures of a store equal to those of its input" },
 	{ "fetch", verb_fetch, "measures cold fetches against what the disk gives" },
 	{ "build", verb_build, "measures builds against what the disk takes" },
