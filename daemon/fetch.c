@@ -58,6 +58,7 @@ struct fetch {
 	uint32_t first_free; /* op */
 	uint32_t open_op;    /* that the next request may join; NO_INDEX: none */
 	struct list waiting;
+	uint32_t waiting_count;
 	struct list free_jobs;
 	int files[FETCH_FILE_COUNT_MAX]; /* -1: none */
 	bool buffers[FETCH_BUFFER_COUNT_MAX];
@@ -322,7 +323,19 @@ static void op_add(struct fetch *fetch, struct fetch_op *op, struct fetch_job *j
 	job->pieces_in_flight++;
 }
 
-/* Keeps the queue full, in the order of the requests. */
+static void waiting_add(struct fetch *fetch, struct fetch_job *job)
+{
+	list_push_back(&fetch->waiting, &job->link);
+	fetch->waiting_count++;
+}
+
+static void waiting_remove(struct fetch *fetch, struct fetch_job *job)
+{
+	list_remove(&job->link);
+	fetch->waiting_count--;
+}
+
+/* Keeps the queue full: requests in their order, long ones a piece at a turn. */
 static void pieces_begin(struct fetch *fetch)
 {
 	while (!list_is_empty(&fetch->waiting)) {
@@ -336,8 +349,10 @@ static void pieces_begin(struct fetch *fetch)
 			(void)op_open(fetch, job);
 		}
 		op_add(fetch, &fetch->ops[fetch->open_op], job);
-		if (job->next_bytes == job->request.bytes)
-			list_remove(&job->link);
+		waiting_remove(fetch, job);
+		/* Long ones take turns, with those that come meanwhile as well. */
+		if (job->next_bytes < job->request.bytes)
+			waiting_add(fetch, job);
 	}
 }
 
@@ -360,7 +375,7 @@ int fetch_start(struct fetch *fetch, const struct fetch_request *request)
 	job->error = 0;
 	job->alone = false;
 	job->in_use = true;
-	list_push_back(&fetch->waiting, &job->link);
+	waiting_add(fetch, job);
 	pieces_begin(fetch);
 	return 0;
 }
@@ -371,11 +386,37 @@ void fetch_flush(struct fetch *fetch)
 	fetch->backend->calls->flush(fetch->backend);
 }
 
-int fetch_has_room(const struct fetch *fetch)
+bool fetch_has_room(const struct fetch *fetch)
 {
-	return list_is_empty(&fetch->waiting) && !list_is_empty(&fetch->free_jobs) &&
-	       (fetch->in_flight < fetch->depth ||
-		(fetch->open_op != NO_INDEX && op_can_grow(&fetch->ops[fetch->open_op])));
+	if (list_is_empty(&fetch->free_jobs) || fetch->waiting_count == FETCH_WAITING_MAX)
+		return false;
+	/* One that has not begun waits for its first piece: no other is put behind it. */
+	LIST_FOR_EACH (link, &fetch->waiting)
+		if (LIST_ENTRY(link, struct fetch_job, link)->next_bytes == 0)
+			return false;
+	return fetch->waiting_count > 0 || fetch->in_flight < fetch->depth ||
+	       (fetch->open_op != NO_INDEX && op_can_grow(&fetch->ops[fetch->open_op]));
+}
+
+bool fetch_has_room_for(const struct fetch *fetch, uint32_t owner, uint32_t pieces_max)
+{
+	uint32_t piece_count = 0;
+
+	LIST_FOR_EACH (link, &fetch->waiting)
+		if (LIST_ENTRY(link, struct fetch_job, link)->request.owner == owner)
+			return false;
+	for (uint32_t i = 0; i < fetch->depth; i++) {
+		const struct fetch_op *op = &fetch->ops[i];
+
+		piece_count += (op->in_flight || i == fetch->open_op) &&
+			       fetch->jobs[op->parts[0].job].request.owner == owner;
+	}
+	return piece_count < pieces_max && fetch_has_room(fetch);
+}
+
+uint32_t fetch_depth(const struct fetch *fetch)
+{
+	return fetch->depth;
 }
 
 uint32_t fetch_in_flight(const struct fetch *fetch)
@@ -403,7 +444,8 @@ static void part_end(struct fetch *fetch, struct fetch_job *job, int error)
 	if (error < 0 && job->error == 0) {
 		/* What was not begun need not be read. */
 		job->error = error;
-		list_remove(&job->link);
+		if (job->next_bytes < job->request.bytes)
+			waiting_remove(fetch, job);
 		job->next_bytes = job->request.bytes;
 	}
 	if (job->pieces_in_flight > 0 || job->next_bytes < job->request.bytes)
@@ -422,6 +464,7 @@ static void part_again(struct fetch *fetch, struct fetch_job *job, const struct 
 	job->next_bytes = part->offset_bytes;
 	job->alone = true;
 	list_push_front(&fetch->waiting, &job->link);
+	fetch->waiting_count++;
 }
 
 /* The piece is over.  The op is free before callers are told, who may start the next. */

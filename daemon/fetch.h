@@ -18,6 +18,7 @@
 #ifndef DAEMON_FETCH_H
 #define DAEMON_FETCH_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "daemon/disk.h"
@@ -94,6 +95,7 @@ void fetch_remove_buffer(struct fetch *fetch, uint32_t buffer);
 
 struct fetch_request {
 	uint32_t file;
+	uint32_t owner;       /* see fetch_has_room_for() */
 	uint32_t buffer;      /* that destination lies in, or FETCH_BUFFER_NONE */
 	uint64_t file_offset; /* a multiple of STORE_BLOCK_BYTES */
 	uint32_t bytes;
@@ -111,8 +113,22 @@ int fetch_start(struct fetch *fetch, const struct fetch_request *request);
 /** Hands what was started to the kernel: once a round of the loop. */
 void fetch_flush(struct fetch *fetch);
 
-/** Would the next request be read at once, or perhaps together with the one before it? */
-int fetch_has_room(const struct fetch *fetch);
+/**
+ * Is there room in the queue, so that the next request would be read at once (perhaps in a piece with
+ * the one before), or in turn with long ones that are half begun?
+ */
+bool fetch_has_room(const struct fetch *fetch);
+
+/**
+ * And for one of this owner's?  Not while another of its requests waits for pieces, and not beyond
+ * pieces_max in flight: what one owner asks for cannot fill the queue, however slowly it is answered.
+ *
+ * Cost: O(depth).
+ */
+bool fetch_has_room_for(const struct fetch *fetch, uint32_t owner, uint32_t pieces_max);
+
+/** Pieces that may be read at one time. */
+uint32_t fetch_depth(const struct fetch *fetch);
 
 /** Pieces being read now. */
 uint32_t fetch_in_flight(const struct fetch *fetch);

@@ -61,7 +61,8 @@ struct fills {
 	fills_wanted_fn wanted; /* NULL: no takeover */
 	void *wanted_arg;
 	struct staging staging;
-	uint64_t prefetch_bytes; /* in flight */
+	uint64_t prefetch_bytes;  /* in flight */
+	uint64_t prefetch_end_ns; /* since when there are none */
 	struct fill_times times;
 	uint32_t count;
 	struct list unused;
@@ -193,6 +194,15 @@ static void fill_log(const struct fill *fill)
 			  served->path);
 }
 
+/* The fill is no prefetch any more: it has ended, or somebody wants it. */
+static void prefetch_leave(struct fills *fills, const struct fill *fill)
+{
+	CHECK(fills->prefetch_bytes >= fill->record->stored_bytes);
+	fills->prefetch_bytes -= fill->record->stored_bytes;
+	if (fills->prefetch_bytes == 0)
+		fills->prefetch_end_ns = clock_now_ns();
+}
+
 static void fill_end(struct fill *fill, int error)
 {
 	struct fills *fills = fill->fills;
@@ -208,7 +218,7 @@ static void fill_end(struct fill *fill, int error)
 	if (fill->staging_page != NO_STAGING)
 		pages_give(fills->staging.pages, fill->staging_page);
 	if (fill->prefetch)
-		fills->prefetch_bytes -= fill->record->stored_bytes;
+		prefetch_leave(fills, fill);
 	histogram_add(fill->begun_as_prefetch ? &fills->times.prefetch : &fills->times.fetch,
 		      clock_now_ns() - fill->begun_ns);
 	if (error < 0)
@@ -305,6 +315,7 @@ static void fill_read(struct fills *fills, struct fill *fill)
 	struct place place = served->nodes[fill->index].place;
 	struct fetch_request request = {
 		.file = served->file,
+		.owner = fill->session,
 		.buffer = served->arena.by_number[place.segment]->buffer,
 		.file_offset = fill->record->file_offset,
 		.bytes = fill->record->stored_bytes,
@@ -428,12 +439,32 @@ void fills_upgrade(struct fills *fills, const struct served *served, uint32_t in
 		return;
 	fill->prefetch = false;
 	fill->served->counters.upgrades++;
-	fills->prefetch_bytes -= fill->record->stored_bytes;
+	prefetch_leave(fills, fill);
 }
 
 bool fills_has_room(const struct fills *fills)
 {
 	return fetch_has_room(fills->fetch) && !list_is_empty(&fills->unused);
+}
+
+bool fills_has_room_for(const struct fills *fills, uint32_t session, bool shared)
+{
+	uint32_t depth = fetch_depth(fills->fetch);
+	uint32_t pieces_max = shared ? depth - depth / FETCH_RESERVE_SHARE : UINT32_MAX;
+
+	return fetch_has_room_for(fills->fetch, session, pieces_max) &&
+	       !list_is_empty(&fills->unused);
+}
+
+/* None begins while a fetch waits, so those that are read then were begun before it was wanted. */
+void fills_note_wait(struct fills *fills, uint64_t wanted_ns)
+{
+	uint64_t now_ns = clock_now_ns();
+	uint64_t end_ns = fills->prefetch_bytes > 0 ? now_ns : fills->prefetch_end_ns;
+
+	histogram_add(&fills->times.wait, now_ns - wanted_ns);
+	histogram_add(&fills->times.wait_behind_prefetch,
+		      end_ns > wanted_ns ? end_ns - wanted_ns : 0);
 }
 
 bool fills_has_prefetch_room(const struct fills *fills)

@@ -80,6 +80,12 @@ void fills_upgrade(struct fills *fills, const struct served *served, uint32_t in
 
 /** Would the next read begin at once? */
 bool fills_has_room(const struct fills *fills);
+/**
+ * And one of this session's?
+ *
+ * shared:  others read as well: some of the queue is theirs.
+ */
+bool fills_has_room_for(const struct fills *fills, uint32_t session, bool shared);
 /** And may it be a prefetch? */
 bool fills_has_prefetch_room(const struct fills *fills);
 
@@ -87,7 +93,13 @@ bool fills_has_prefetch_room(const struct fills *fills);
 struct fill_times {
 	struct histogram fetch;
 	struct histogram prefetch;
+	/* Before that: from being wanted to being begun; and as long as prefetches were read meanwhile. */
+	struct histogram wait;
+	struct histogram wait_behind_prefetch;
 };
+
+/** A fetch has been begun that was wanted since then. */
+void fills_note_wait(struct fills *fills, uint64_t wanted_ns);
 
 const struct fill_times *fills_times(const struct fills *fills);
 

@@ -60,16 +60,24 @@
 #define FETCH_PART_COUNT_MAX 32u
 #define FETCH_DEPTH_USUAL    16u
 #define FETCH_DEPTH_MAX      256u
+/** Requests that take turns with their pieces; no more is begun while so many are half begun. */
+#define FETCH_WAITING_MAX 4u
+/** Of the queue, what one client's reads may take when others read as well: all but 1 / this. */
+#define FETCH_RESERVE_SHARE 4u
 /** Times that one piece may come back without progress. */
 #define FETCH_RETRY_MAX 8u
 /** Room for coded payloads on their way: twice the largest one at least. */
 #define STAGING_BYTES_MIN (8u * MIB)
 /** Prefetched bytes on their way: what a fetch may have to wait behind. */
 #define PREFETCH_FLIGHT_BYTES (1u * MIB)
-/** Of the cache, what one PREFETCH may fill: 1 / this. */
+/** Of the cache, what one PREFETCH may fill, and again with each new set: 1 / this. */
 #define PREFETCH_SHARE 4u
+/** And how many nodes. */
+#define PREFETCH_COUNT_MAX 1024u
 /** Bytes of a client's turn when several wait for the disk. */
 #define TURN_BYTES (512u * KIB)
+/** And of one of its clients, at least. */
+#define TURN_BYTES_MIN (16u * KIB)
 
 /** Of the cache, what administrators may pin: 1 / this. */
 #define RESIDENT_SHARE 2u

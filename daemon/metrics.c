@@ -158,6 +158,13 @@ static void write_times(FILE *out, const struct server *server)
 			   "From the begin of a read to the verified payload");
 	openmetrics_histogram(out, "oocd_fill_seconds", "kind", "fetch", &times->fetch);
 	openmetrics_histogram(out, "oocd_fill_seconds", "kind", "prefetch", &times->prefetch);
+	openmetrics_family(
+		out, "oocd_fetch_wait_seconds", OPENMETRICS_HISTOGRAM,
+		"From being wanted to the begin of the read, and what of it went by while "
+		"prefetches were read");
+	openmetrics_histogram(out, "oocd_fetch_wait_seconds", "behind", "all", &times->wait);
+	openmetrics_histogram(out, "oocd_fetch_wait_seconds", "behind", "prefetches",
+			      &times->wait_behind_prefetch);
 }
 
 static void write_metrics(FILE *out, const struct server *server)

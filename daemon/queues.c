@@ -6,11 +6,6 @@
 #include "daemon/limits.h"
 #include "formats/base/check.h"
 
-static struct queue_entry *fetching_first(struct queues *queues)
-{
-	return LIST_ENTRY(queues->fetching.next, struct queue_entry, fetch_link);
-}
-
 static struct queue_entry *prefetching_first(struct queues *queues)
 {
 	return LIST_ENTRY(queues->prefetching.next, struct queue_entry, prefetch_link);
@@ -24,28 +19,54 @@ void queues_init(struct queues *queues, struct fills *fills)
 }
 
 void queue_entry_init(struct queue_entry *entry, const struct queue_calls *calls, void *calls_arg,
-		      uint32_t session)
+		      uint32_t session, struct account *account)
 {
 	*entry = (struct queue_entry){
 		.calls = calls,
 		.calls_arg = calls_arg,
 		.session = session,
-		.turn_bytes = TURN_BYTES,
+		.account = account,
 	};
 	list_init(&entry->fetch_link);
 	list_init(&entry->prefetch_link);
 }
 
-void queue_entry_done(struct queue_entry *entry)
+/* It has nothing to save the rest of its turn for. */
+static void fetching_remove(struct queue_entry *entry)
 {
+	if (list_is_empty(&entry->fetch_link))
+		return;
 	list_remove(&entry->fetch_link);
+	entry->account->fetching_count--;
+	entry->turn_bytes = 0;
+}
+
+void queue_entry_done(struct queues *queues, struct queue_entry *entry)
+{
+	fetching_remove(entry);
 	list_remove(&entry->prefetch_link);
+	queues->reader_count -= entry->reads;
+}
+
+/* Its part of its user's turn. */
+static int64_t turn_bytes(const struct queue_entry *entry)
+{
+	const struct account *account = entry->account;
+	uint64_t bytes = (uint64_t)TURN_BYTES * account->policy.weight / ACCOUNT_WEIGHT_USUAL /
+			 account->fetching_count;
+
+	return (int64_t)u64_max(bytes, TURN_BYTES_MIN);
 }
 
 void queues_add_fetch(struct queues *queues, struct queue_entry *entry)
 {
-	if (list_is_empty(&entry->fetch_link))
-		list_push_back(&queues->fetching, &entry->fetch_link);
+	if (!list_is_empty(&entry->fetch_link))
+		return;
+	list_push_back(&queues->fetching, &entry->fetch_link);
+	entry->account->fetching_count++;
+	entry->turn_bytes = turn_bytes(entry);
+	queues->reader_count += !entry->reads;
+	entry->reads = true;
 }
 
 void queues_add_prefetch(struct queues *queues, struct queue_entry *entry)
@@ -54,57 +75,53 @@ void queues_add_prefetch(struct queues *queues, struct queue_entry *entry)
 		list_push_back(&queues->prefetching, &entry->prefetch_link);
 }
 
-/* To the end of the queue, with a new turn. */
-static void turn_end(struct queues *queues, struct queue_entry *entry)
+static void to_the_end(struct queues *queues, struct queue_entry *entry)
 {
-	entry->turn_bytes += TURN_BYTES;
 	list_remove(&entry->fetch_link);
 	list_push_back(&queues->fetching, &entry->fetch_link);
 }
 
 /*
- * One session's turn.  Returns: true when it got on; false when it has to wait for a segment or for
- * staging, which other sessions perhaps need not.
+ * One session's turn.  Returns: true when it got on; false when it has to wait for a segment, for
+ * staging, or for its own reads, which other sessions perhaps need not.
  */
 static bool turn(struct queues *queues, struct queue_entry *entry)
 {
 	struct queue_want want;
-	int r;
+	int r = -EAGAIN;
 
-	if (!entry->calls->next(entry->calls_arg, &want)) {
-		/* It has nothing to save its turn for. */
-		entry->turn_bytes = TURN_BYTES;
-		list_remove(&entry->fetch_link);
+	if (entry->turn_bytes <= 0) {
+		entry->turn_bytes += turn_bytes(entry);
+		to_the_end(queues, entry);
 		return true;
 	}
-	r = fills_start(queues->fills, want.served, want.index, entry->session, false);
-	if (r == -EAGAIN) {
-		list_remove(&entry->fetch_link);
-		list_push_back(&queues->fetching, &entry->fetch_link);
-		return false;
+	if (!entry->calls->next(entry->calls_arg, &want)) {
+		fetching_remove(entry);
+		return true;
 	}
+	if (fills_has_room_for(queues->fills, entry->session, queues->reader_count > 1))
+		r = fills_start(queues->fills, want.served, want.index, entry->session, false);
+	if (r == -EAGAIN)
+		return false;
 	CHECK(r == 0 || r == -ENOBUFS);
 	entry->calls->begun(entry->calls_arg, &want, r);
-	if (r == 0)
+	if (r == 0) {
 		entry->turn_bytes -= want.served->records[want.index].stored_bytes;
-	while (entry->turn_bytes <= 0)
-		turn_end(queues, entry);
+		fills_note_wait(queues->fills, want.wanted_ns);
+	}
 	return true;
 }
 
+/* Who cannot get on is passed, and keeps its place: its turn is not over. */
 static void pump_fetches(struct queues *queues)
 {
-	const struct queue_entry *stuck = NULL;
+	struct list *link = queues->fetching.next;
 
-	while (!list_is_empty(&queues->fetching) && fills_has_room(queues->fills)) {
-		struct queue_entry *entry = fetching_first(queues);
-
-		if (entry == stuck)
-			return;
-		if (turn(queues, entry))
-			stuck = NULL;
-		else if (!stuck)
-			stuck = entry;
+	while (link != &queues->fetching && fills_has_room(queues->fills)) {
+		if (turn(queues, LIST_ENTRY(link, struct queue_entry, fetch_link)))
+			link = queues->fetching.next;
+		else
+			link = link->next;
 	}
 }
 

@@ -3,12 +3,13 @@
  * queues.h - who gets the disk next: fetches of all sessions in turn, prefetches when none waits.
  *
  * Each session keeps its own wants in its own order and is asked for the next one (queue_calls), so
- * that a new set never has to be taken out of a queue.  Sessions that wait take turns of TURN_BYTES.
+ * that a new set never has to be taken out of a queue.  Sessions that wait take turns; a turn is as
+ * long as the user's weight says, divided among those of the user's sessions that wait.
  * No more is begun than the fetch layer can read at once, so that what is asked for later and
  * matters more overtakes what has not been begun.
  *
  * Threads: loop thread.
- * Source: deficit round robin, Shreedhar and Varghese (1995), with equal shares.
+ * Source: deficit round robin, Shreedhar and Varghese (1995).
  */
 #ifndef DAEMON_QUEUES_H
 #define DAEMON_QUEUES_H
@@ -16,6 +17,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "daemon/accounts.h"
 #include "daemon/fills.h"
 #include "formats/base/list.h"
 
@@ -23,6 +25,7 @@
 struct queue_want {
 	struct served *served;
 	uint32_t index;
+	uint64_t wanted_ns; /* since; of a fetch */
 };
 
 /** Asked of whoever waits in a queue. */
@@ -43,7 +46,9 @@ struct queue_entry {
 	struct list prefetch_link; /* queues.prefetching */
 	const struct queue_calls *calls;
 	void *calls_arg;
+	struct account *account; /* NULL: it never fetches */
 	uint32_t session;
+	bool reads;         /* has asked for a fetch: the disk is shared with it */
 	int64_t turn_bytes; /* left of its turn */
 };
 
@@ -51,13 +56,14 @@ struct queues {
 	struct fills *fills;
 	struct list fetching; /* sessions with fetches that wait, whose turn it is first */
 	struct list prefetching;
+	uint32_t reader_count; /* sessions that have asked for fetches */
 };
 
 void queues_init(struct queues *queues, struct fills *fills);
 
 void queue_entry_init(struct queue_entry *entry, const struct queue_calls *calls, void *calls_arg,
-		      uint32_t session);
-void queue_entry_done(struct queue_entry *entry);
+		      uint32_t session, struct account *account);
+void queue_entry_done(struct queues *queues, struct queue_entry *entry);
 
 /** The session may have wants that wait.  Harmless when it has none, or is known. */
 void queues_add_fetch(struct queues *queues, struct queue_entry *entry);

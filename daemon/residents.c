@@ -208,7 +208,7 @@ static bool next_of(struct residents *residents, struct served *served, struct q
 		if (can_be_held(residents, served, served->resident_next)) {
 			hold(residents, served, served->resident_next);
 		} else if (node->state == NODE_ABSENT) {
-			*ret = (struct queue_want){ served, served->resident_next };
+			*ret = (struct queue_want){ served, served->resident_next, 0 };
 			return true;
 		}
 	}
@@ -252,11 +252,11 @@ static const struct queue_calls queue_calls = {
 void residents_init(struct residents *residents, struct cache *cache, struct queues *queues)
 {
 	*residents = (struct residents){ .cache = cache, .queues = queues };
-	queue_entry_init(&residents->queue_entry, &queue_calls, residents, NO_SESSION);
+	queue_entry_init(&residents->queue_entry, &queue_calls, residents, NO_SESSION, NULL);
 }
 
 void residents_done(struct residents *residents)
 {
 	if (residents->queues)
-		queue_entry_done(&residents->queue_entry);
+		queue_entry_done(residents->queues, &residents->queue_entry);
 }

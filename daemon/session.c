@@ -340,6 +340,19 @@ static int incoming_add(struct session *session, const struct wire_set *set)
 	return 0;
 }
 
+/* With a new list or a new set a client may have so much prefetched again. */
+static void frame_begin(struct session *session)
+{
+	uint64_t policy_bytes = session->account->policy.prefetch_bytes_max;
+
+	session->prefetch_bytes = session->room->cache->budget_bytes / PREFETCH_SHARE;
+	if (policy_bytes > 0)
+		session->prefetch_bytes = u64_min(session->prefetch_bytes, policy_bytes);
+	session->prefetch_left = PREFETCH_COUNT_MAX;
+	if (session->prefetch_next < session->prefetch_count)
+		queues_add_prefetch(session->queues, &session->queue_entry);
+}
+
 static void on_set(struct session *session, const struct wire_set *set)
 {
 	int r;
@@ -373,6 +386,7 @@ static void on_set(struct session *session, const struct wire_set *set)
 		return;
 	}
 	queues_add_fetch(session->queues, &session->queue_entry);
+	frame_begin(session);
 	session->calls->active(session->calls_arg);
 }
 
@@ -402,8 +416,7 @@ static void on_prefetch(struct session *session, const struct wire_prefetch *pre
 	       session->prefetch_count * sizeof(*session->prefetch));
 	session->prefetch_next = 0;
 	session->account->prefetch_count += session->prefetch_count;
-	session->prefetch_bytes = session->room->cache->budget_bytes / PREFETCH_SHARE;
-	queues_add_prefetch(session->queues, &session->queue_entry);
+	frame_begin(session);
 	session->calls->active(session->calls_arg);
 }
 
@@ -636,9 +649,9 @@ static bool queue_next_prefetch(void *arg, struct queue_want *ret)
 		/* It is there, on its way, or cannot come. */
 		if (served->nodes[entry->node].state != NODE_ABSENT)
 			continue;
-		if (bytes > session->prefetch_bytes)
+		if (bytes > session->prefetch_bytes || session->prefetch_left == 0)
 			return false;
-		*ret = (struct queue_want){ served, entry->node };
+		*ret = (struct queue_want){ served, entry->node, 0 };
 		return true;
 	}
 	return false;
@@ -651,6 +664,7 @@ static void queue_prefetch_over(void *arg)
 	const struct served *served = session->visible.attachments[entry->store]->served;
 
 	session->prefetch_bytes -= served->records[entry->node].payload_bytes;
+	session->prefetch_left--;
 }
 
 static const struct queue_calls queue_calls = {
@@ -706,7 +720,8 @@ int session_create(const struct session_config *config, int socket_fd, struct se
 	session->number = config->number;
 	session->epoch = config->epoch;
 	session->born_ns = clock_now_ns();
-	queue_entry_init(&session->queue_entry, &queue_calls, session, session->number);
+	queue_entry_init(&session->queue_entry, &queue_calls, session, session->number,
+			 session->account);
 	r = memfile_create("oocd-session", sizeof(struct wire_session_page), false,
 			   &session->page_file, why);
 	if (r < 0) {
@@ -745,7 +760,7 @@ struct session *session_destroy(struct session *session)
 	if (!session)
 		return NULL;
 	session->connection = connection_destroy(session->connection);
-	queue_entry_done(&session->queue_entry);
+	queue_entry_done(session->queues, &session->queue_entry);
 	visible_done(&session->visible);
 	recorder_session(session->room->cache->recorder, TRACE_END, session->number, 0);
 	atomic_store_explicit(&session->page->epoch, 0, memory_order_release);

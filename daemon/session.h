@@ -92,7 +92,8 @@ struct session {
 	struct wire_entry *prefetch; /* still queued, from prefetch_next on */
 	uint32_t prefetch_count;
 	uint32_t prefetch_next;
-	uint64_t prefetch_bytes; /* left of what this list may fill */
+	uint64_t prefetch_bytes; /* left of what may be prefetched in this frame */
+	uint32_t prefetch_left;  /* nodes of it */
 
 	bool events; /* the set asks for them */
 	/* The answer on its way, to `question`; 0: none is.  NODES is made when there is room for it. */

@@ -309,6 +309,10 @@ static void write_times(FILE *out, const struct server *server)
 	write_time(out, "fetch", &times->fetch);
 	fputc(',', out);
 	write_time(out, "prefetch", &times->prefetch);
+	fputc(',', out);
+	write_time(out, "wait", &times->wait);
+	fputc(',', out);
+	write_time(out, "wait_behind_prefetch", &times->wait_behind_prefetch);
 	fputc('}', out);
 }
 

@@ -184,6 +184,7 @@ static struct want make_want(struct visible *visible, const struct wire_entry *e
 	want.holding = before->holding;
 	want.revoked = before->revoked;
 	want.missed = before->missed;
+	want.queued_ns = before->queued_ns;
 	if (before->state == WANT_REFUSED) {
 		want.state = WANT_REFUSED;
 		want.reason = before->reason;
@@ -361,7 +362,7 @@ bool visible_next(struct visible *visible, struct queue_want *ret)
 		} else if (state != NODE_ABSENT) {
 			want_admit(visible, want);
 		} else {
-			*ret = (struct queue_want){ served, want->node };
+			*ret = (struct queue_want){ served, want->node, want->queued_ns };
 			return true;
 		}
 	}

@@ -66,8 +66,9 @@ enum want_state {
 };
 
 struct want {
-	uint64_t serial; /* newest set that has it */
-	uint32_t slot;   /* of the store */
+	uint64_t serial;    /* newest set that has it */
+	uint64_t queued_ns; /* while QUEUED: since */
+	uint32_t slot;      /* of the store */
 	uint32_t node;
 	enum want_state state;
 	enum wire_reason reason; /* while REFUSED */
@@ -106,6 +107,7 @@ struct visible {
 	uint32_t total; /* with what is retained */
 
 	uint64_t serial; /* of the set; 0: there was none */
+	uint64_t now_ns; /* when it was last admitted, as wants are queued then */
 	uint32_t counts[WANT_STATE_COUNT_];
 	uint32_t untold_count;
 	uint32_t next_queued; /* no QUEUED want lies before it */

@@ -3,6 +3,7 @@
 #include "daemon/visible_private.h"
 
 #include "formats/base/check.h"
+#include "formats/base/clock.h"
 
 /* ---- what is counted and recorded ---- */
 
@@ -176,6 +177,7 @@ void want_refuse(struct visible *visible, struct want *want, enum wire_reason re
 	if (want->state != WANT_REFUSED)
 		want_record(visible, TRACE_REFUSE, want);
 	unrefuse(visible, want);
+	want->queued_ns = 0;
 	want->reason = reason;
 	set_state(visible, want, WANT_REFUSED);
 	visible->untold_count += want->told != reason;
@@ -190,6 +192,8 @@ static void queue(struct visible *visible, struct want *want)
 
 	if (!want->missed)
 		visible_counters_of(visible, want)->retries++;
+	if (want->queued_ns == 0)
+		want->queued_ns = visible->now_ns;
 	want->missed = true;
 	unrefuse(visible, want);
 	set_state(visible, want, WANT_QUEUED);
@@ -217,6 +221,7 @@ void want_admit(struct visible *visible, struct want *want)
 		queue(visible, want);
 		return;
 	}
+	want->queued_ns = 0;
 	count_joined(visible, want);
 	unrefuse(visible, want);
 	set_state(visible, want, node->state == NODE_BUSY ? WANT_WAITING : WANT_DRAWABLE);
@@ -245,6 +250,7 @@ static void admit_retained(struct visible *visible)
 void visible_admit(struct visible *visible)
 {
 	visible->undecided = false;
+	visible->now_ns = clock_now_ns();
 	visible->retry_at_bytes = UINT64_MAX;
 	for (uint32_t i = 0; i < visible->count; i++) {
 		struct want *want = &visible->wants[i];

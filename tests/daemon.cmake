@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-foreach(module accounts pages arena disk fetch cache visible config watchdog)
+foreach(module accounts pages arena disk fetch cache queues visible config watchdog)
 	oocd_test(test_${module} unit SOURCES unit/test_${module}.c LINK oocd_core oocd_test_helper)
 endforeach()
 

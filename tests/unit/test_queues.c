@@ -1,0 +1,393 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * Goal: the disk is shared as queues.h says: by weight, fetches before prefetches, and nobody fills it.
+ * Method: callers with lists of nodes in place of sessions, over the simulated back end.
+ */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+#include "daemon/limits.h"
+#include "daemon/queues.h"
+#include "formats/base/bytes.h"
+#include "formats/base/clock.h"
+#include "tests/helper.h"
+
+#define BUDGET_BYTES (32u * MIB)
+#define DEPTH        4u
+#define NODES_MAX    4096u
+#define CALLER_COUNT 4u
+
+struct caller {
+	struct queue_entry entry;
+	struct served *served;
+	const uint32_t *fetches;
+	uint32_t fetch_count;
+	const uint32_t *prefetches;
+	uint32_t prefetch_count;
+	uint64_t begun_bytes;
+};
+
+struct fixture {
+	char *folder;
+	struct cache cache;
+	struct workers *workers;
+	struct fills *fills;
+	struct fetch *fetch;
+	struct served *served;
+	struct queues queues;
+	struct account accounts[CALLER_COUNT];
+	struct caller callers[CALLER_COUNT];
+	uint32_t nodes[NODES_MAX]; /* with payload */
+	uint32_t node_count;
+};
+
+static bool on_next(void *arg, struct queue_want *ret)
+{
+	const struct caller *caller = arg;
+
+	if (caller->fetch_count == 0)
+		return false;
+	*ret = (struct queue_want){ caller->served, caller->fetches[0], clock_now_ns() };
+	return true;
+}
+
+static void on_begun(void *arg, const struct queue_want *want, int error)
+{
+	struct caller *caller = arg;
+
+	assert_int_equal(error, 0);
+	caller->begun_bytes += caller->served->records[want->index].stored_bytes;
+	caller->fetches++;
+	caller->fetch_count--;
+}
+
+static bool on_next_prefetch(void *arg, struct queue_want *ret)
+{
+	const struct caller *caller = arg;
+
+	if (caller->prefetch_count == 0)
+		return false;
+	*ret = (struct queue_want){ caller->served, caller->prefetches[0], 0 };
+	return true;
+}
+
+static void on_prefetch_over(void *arg)
+{
+	struct caller *caller = arg;
+
+	caller->prefetches++;
+	caller->prefetch_count--;
+}
+
+static const struct queue_calls queue_calls = {
+	.next = on_next,
+	.begun = on_begun,
+	.next_prefetch = on_next_prefetch,
+	.prefetch_over = on_prefetch_over,
+};
+
+static void on_make(void *arg, struct served *served)
+{
+	struct fixture *fixture = arg;
+	struct memfile memfile;
+	struct segment *segment;
+
+	assert_int_equal(memfile_create("test", served->arena.segment_bytes, false, &memfile, NULL),
+			 0);
+	assert_int_equal(memfile_publish(&memfile, MEMFILE_CHANGING, NULL), 0);
+	assert_int_equal(cache_add_segment(&fixture->cache, served, &memfile, &segment), 0);
+	segment->buffer = FETCH_BUFFER_NONE;
+}
+
+static void on_gone(void *arg, struct served *served, struct segment *segment)
+{
+	(void)arg;
+	(void)served;
+	(void)segment;
+}
+
+static void on_ended(void *arg, const struct fill_result *result)
+{
+	(void)arg;
+	assert_int_equal(result->reason, WIRE_REASON_NONE);
+}
+
+static int setup(void **state)
+{
+	const struct test_grid grid = { .count = 20, .face_quads = 4 };
+	const struct cache_calls calls = { .make = on_make, .gone = on_gone };
+	struct fixture *fixture = calloc(1, sizeof(*fixture));
+	struct fetch_config fetch_config = {
+		.kind = FETCH_SIM, .depth = DEPTH, .done = fills_read_done, .sim = { .seed = 5 }
+	};
+	const char *path;
+	struct why why;
+
+	fixture->folder = test_folder_make();
+	path = test_path(fixture->folder, "a.ooc");
+	test_store_grid_make(path, &grid);
+	cache_init(&fixture->cache, BUDGET_BYTES, &calls, fixture);
+	assert_int_equal(workers_create(1, &fixture->workers, &why), 0);
+	assert_int_equal(fills_create(&fixture->cache, fixture->workers, on_ended, fixture,
+				      &fixture->fills, &why),
+			 0);
+	fetch_config.done_arg = fixture->fills;
+	assert_int_equal(fetch_create(&fetch_config, &fixture->fetch, &why), 0);
+	fills_set_fetch(fixture->fills, fixture->fetch);
+	assert_int_equal(served_open(open(path, O_RDONLY | O_CLOEXEC), path, BUDGET_BYTES, 1,
+				     &fixture->served, &why),
+			 0);
+	assert_int_equal(
+		fetch_add_file(fixture->fetch, fixture->served->fd, &fixture->served->file), 0);
+	cache_add_store(&fixture->cache, fixture->served);
+	for (uint32_t i = 0; i < fixture->served->node_count; i++)
+		if (served_has_payload(fixture->served, i))
+			fixture->nodes[fixture->node_count++] = i;
+	queues_init(&fixture->queues, fixture->fills);
+	for (uint32_t i = 0; i < CALLER_COUNT; i++) {
+		fixture->accounts[i].policy.weight = ACCOUNT_WEIGHT_USUAL;
+		fixture->callers[i].served = fixture->served;
+		queue_entry_init(&fixture->callers[i].entry, &queue_calls, &fixture->callers[i],
+				 i + 1, &fixture->accounts[i]);
+	}
+	*state = fixture;
+	return 0;
+}
+
+/* As often as it takes a segment to be made, which is at once here. */
+static void pump(struct fixture *fixture)
+{
+	for (uint32_t i = 0; i < 3; i++)
+		queues_pump(&fixture->queues);
+	fetch_flush(fixture->fetch);
+}
+
+/* Takes what has come back, and begins what can be begun. */
+static void run_once(struct fixture *fixture)
+{
+	struct pollfd fds[] = {
+		{ .fd = fetch_fd(fixture->fetch), .events = POLLIN },
+		{ .fd = workers_fd(fixture->workers), .events = POLLIN },
+	};
+
+	assert_true(poll(fds, 2, 20000) > 0);
+	if (fds[0].revents)
+		fetch_dispatch(fixture->fetch);
+	workers_flush(fixture->workers);
+	if (fds[1].revents)
+		workers_dispatch(fixture->workers);
+	pump(fixture);
+}
+
+static int teardown(void **state)
+{
+	struct fixture *fixture = *state;
+
+	for (uint32_t i = 0; i < CALLER_COUNT; i++) {
+		fixture->callers[i].fetch_count = 0;
+		fixture->callers[i].prefetch_count = 0;
+		queue_entry_done(&fixture->queues, &fixture->callers[i].entry);
+	}
+	for (uint32_t i = 0; i < CALLER_COUNT; i++)
+		assert_int_equal(fixture->accounts[i].fetching_count, 0);
+	assert_int_equal(fixture->queues.reader_count, 0);
+	while (fills_count(fixture->fills) > 0)
+		run_once(fixture);
+	cache_check(&fixture->cache);
+	cache_remove_store(&fixture->cache, fixture->served);
+	workers_destroy(fixture->workers);
+	fetch_destroy(fixture->fetch);
+	fills_destroy(fixture->fills);
+	served_close(fixture->served);
+	test_folder_remove(fixture->folder);
+	free(fixture);
+	return 0;
+}
+
+static struct caller *wants(struct fixture *fixture, uint32_t i, uint32_t first, uint32_t count)
+{
+	struct caller *caller = &fixture->callers[i];
+
+	assert_true(first + count <= fixture->node_count);
+	caller->fetches = &fixture->nodes[first];
+	caller->fetch_count = count;
+	queues_add_fetch(&fixture->queues, &caller->entry);
+	return caller;
+}
+
+static struct caller *wishes(struct fixture *fixture, uint32_t i, uint32_t first, uint32_t count)
+{
+	struct caller *caller = &fixture->callers[i];
+
+	caller->prefetches = &fixture->nodes[first];
+	caller->prefetch_count = count;
+	queues_add_prefetch(&fixture->queues, &caller->entry);
+	return caller;
+}
+
+/* Neighbours in the file are read with one read. */
+static void put_in_file_order(struct fixture *fixture)
+{
+	const struct store_node *records = fixture->served->records;
+	uint32_t *nodes = fixture->nodes;
+
+	for (uint32_t i = 0; i < fixture->node_count; i++)
+		for (uint32_t k = i;
+		     k > 0 && records[nodes[k]].file_offset < records[nodes[k - 1]].file_offset;
+		     k--) {
+			uint32_t node = nodes[k];
+
+			nodes[k] = nodes[k - 1];
+			nodes[k - 1] = node;
+		}
+}
+
+/* Afterwards none follow each other. */
+static void put_apart(struct fixture *fixture)
+{
+	uint32_t nodes[NODES_MAX];
+	uint32_t count = 0;
+
+	put_in_file_order(fixture);
+	for (uint32_t k = 0; k < 3; k++)
+		for (uint32_t i = k; i < fixture->node_count; i += 3)
+			nodes[count++] = fixture->nodes[i];
+	for (uint32_t i = 0; i < count; i++)
+		fixture->nodes[i] = nodes[i];
+}
+
+static void users_read_as_much_as_they_weigh(void **state)
+{
+	struct fixture *fixture = *state;
+	struct caller *callers[CALLER_COUNT];
+	uint64_t heavy_bytes;
+	uint64_t light_bytes;
+
+	/* Few pieces, two clients each: none is held back from all of the queue. */
+	put_in_file_order(fixture);
+	for (uint32_t i = 0; i < CALLER_COUNT; i++)
+		fixture->callers[i].entry.account = &fixture->accounts[i / 2];
+	fixture->accounts[0].policy.weight = 3 * ACCOUNT_WEIGHT_USUAL;
+	for (uint32_t i = 0; i < CALLER_COUNT; i++)
+		callers[i] = wants(fixture, i, 130 * i, 130);
+	pump(fixture);
+	while (callers[0]->fetch_count > 0 && callers[1]->fetch_count > 0)
+		run_once(fixture);
+	heavy_bytes = callers[0]->begun_bytes + callers[1]->begun_bytes;
+	light_bytes = callers[2]->begun_bytes + callers[3]->begun_bytes;
+	/* But for what they had when they came: a turn for the first, half a one for the second. */
+	assert_in_range(light_bytes, heavy_bytes / 3 - TURN_BYTES, heavy_bytes / 3 + TURN_BYTES);
+}
+
+static void clients_of_one_user_share_its_turn(void **state)
+{
+	struct fixture *fixture = *state;
+	struct caller *callers[CALLER_COUNT];
+
+	for (uint32_t i = 1; i < 3; i++)
+		fixture->callers[i].entry.account = &fixture->accounts[0];
+	put_in_file_order(fixture);
+	for (uint32_t i = 0; i < 3; i++)
+		callers[i] = wants(fixture, i, 100 * i, 100);
+	callers[3] = wants(fixture, 3, 300, 300);
+	pump(fixture);
+	while (callers[3]->fetch_count > 0 && callers[1]->fetch_count > 0)
+		run_once(fixture);
+	/* Three times as much each, but for what the first had before the others came. */
+	for (uint32_t i = 1; i < 3; i++)
+		assert_true(callers[3]->begun_bytes > 2 * callers[i]->begun_bytes);
+}
+
+static void a_prefetch_begins_when_no_fetch_waits(void **state)
+{
+	struct fixture *fixture = *state;
+	const struct caller *caller = wants(fixture, 0, 0, 200);
+
+	wishes(fixture, 1, 200, 100);
+	pump(fixture);
+	while (caller->fetch_count > 0) {
+		assert_int_equal(fixture->served->counters.prefetches, 0);
+		run_once(fixture);
+	}
+	/* And a fetch that comes then goes first again. */
+	while (fixture->served->counters.prefetches < 20)
+		run_once(fixture);
+	wants(fixture, 0, 300, 100);
+	while (caller->fetch_count > 0) {
+		uint64_t prefetches = fixture->served->counters.prefetches;
+
+		run_once(fixture);
+		if (caller->fetch_count > 0)
+			assert_int_equal(fixture->served->counters.prefetches, prefetches);
+	}
+	assert_int_equal(fills_times(fixture->fills)->wait.count, 300);
+	assert_int_equal(fills_times(fixture->fills)->wait_behind_prefetch.count, 300);
+}
+
+static void what_is_prefetched_does_not_change_the_order_of_replacement(void **state)
+{
+	struct fixture *fixture = *state;
+	const struct caller *caller = wants(fixture, 0, 0, 50);
+	const struct served *served = fixture->served;
+	uint64_t last_use[50];
+
+	pump(fixture);
+	while (caller->fetch_count > 0 || fills_count(fixture->fills) > 0)
+		run_once(fixture);
+	for (uint32_t i = 0; i < 50; i++)
+		last_use[i] = served->nodes[fixture->nodes[i]].last_use;
+	/* What others prefetch comes behind it, and what is there is not asked for (session.c). */
+	caller = wishes(fixture, 1, 50, 50);
+	pump(fixture);
+	while (caller->prefetch_count > 0 || fills_count(fixture->fills) > 0)
+		run_once(fixture);
+	for (uint32_t i = 0; i < 50; i++)
+		assert_true(served->nodes[fixture->nodes[i]].last_use == last_use[i]);
+	assert_int_equal(served->counters.prefetches, 50);
+	assert_int_equal(fixture->cache.pinned_bytes, 0);
+}
+
+static void one_client_leaves_some_of_the_queue_to_others_that_read(void **state)
+{
+	struct fixture *fixture = *state;
+	const struct caller *other;
+
+	put_apart(fixture);
+	/* Alone it may have all. */
+	wants(fixture, 0, 0, 170);
+	pump(fixture);
+	assert_int_equal(fetch_in_flight(fixture->fetch), DEPTH);
+	other = wants(fixture, 1, 400, 1);
+	while (other->fetch_count > 0 || fetch_in_flight(fixture->fetch) > DEPTH * 3 / 4)
+		run_once(fixture);
+	/* From now on there is room at once for one that has read before. */
+	assert_true(fixture->callers[0].fetch_count > 0);
+	other = wants(fixture, 1, 410, 1);
+	queues_pump(&fixture->queues);
+	assert_int_equal(other->fetch_count, 0);
+}
+
+int main(void)
+{
+#define QUEUES_TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
+	const struct CMUnitTest tests[] = {
+		QUEUES_TEST(users_read_as_much_as_they_weigh),
+		QUEUES_TEST(clients_of_one_user_share_its_turn),
+		QUEUES_TEST(a_prefetch_begins_when_no_fetch_waits),
+		QUEUES_TEST(what_is_prefetched_does_not_change_the_order_of_replacement),
+		QUEUES_TEST(one_client_leaves_some_of_the_queue_to_others_that_read),
+	};
+
+	return TEST_RUN(tests);
+}
