@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
 oocd_test(test_camera unit SOURCES unit/test_camera.c LINK oocd_select oocd_test_helper m)
+oocd_test(test_birds_eye unit SOURCES unit/test_birds_eye.c LINK oocd_select oocd_test_helper m)
 oocd_test(test_motion unit SOURCES unit/test_motion.c LINK oocd_select oocd_test_helper m)
 oocd_test(test_select unit SOURCES unit/test_select.c LINK oocd_select oocd_test_helper m)
 oocd_test(test_raster unit SOURCES unit/test_raster.c LINK oocd_select oocd_test_helper m)

@@ -22,6 +22,7 @@ int ctl_dump(int argc, char **argv);
 int ctl_evict(int argc, char **argv);
 int ctl_export(int argc, char **argv);
 int ctl_info(int argc, char **argv);
+int ctl_map(int argc, char **argv);
 int ctl_metrics(int argc, char **argv);
 int ctl_nodes(int argc, char **argv);
 int ctl_parts(int argc, char **argv);

@@ -22,6 +22,7 @@ static const struct {
 	{ "nodes", ctl_nodes, "which nodes of a store are in the cache, held by whom, going when" },
 	{ "dump", ctl_dump, "the daemon's whole state as JSON, once or at each change" },
 	{ "metrics", ctl_metrics, "the daemon's counters as OpenMetrics text" },
+	{ "map", ctl_map, "a picture of a store from above, by what is in the cache" },
 	{ "prefetch", ctl_prefetch, "bring nodes, or what a camera path shows, into the cache" },
 	{ "pin", ctl_pin, "keep nodes in the cache" },
 	{ "unpin", ctl_unpin, "let them go again" },
