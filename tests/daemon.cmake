@@ -27,6 +27,10 @@ oocd_test(test_takeover integration
 
 oocd_test(test_daemon_trace integration SOURCES integration/test_daemon_trace.c
 	LINK oocd_daemon_kit)
+oocd_test(test_openmetrics unit
+	SOURCES unit/test_openmetrics.c openmetrics_judge.c LINK oocd_core oocd_test_helper)
+oocd_test(test_counters integration SOURCES integration/test_counters.c openmetrics_judge.c
+	LINK oocd_daemon_kit PkgConfig::JANSSON)
 
 oocd_test(test_torn stress SOURCES stress/test_torn.c LINK oocd_daemon_kit)
 
