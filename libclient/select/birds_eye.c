@@ -88,9 +88,9 @@ static int clamp(double value, uint32_t count)
 	return (int)fmin(fmax(floor(value), 0.0), (double)count - 1.0);
 }
 
-/* A box: filled, and with a border where there is one to show.  Never less than a pixel. */
+/* A box and its border.  Never less than a pixel, and then without a border. */
 static void put_box(const struct canvas *canvas, const struct store_node *record,
-		    const uint8_t fill[3], const uint8_t *border)
+		    const uint8_t fill[3], const uint8_t border[3])
 {
 	int x0 = clamp(pixel_x(canvas, record->box_min[canvas->across]), canvas->width);
 	int x1 = clamp(pixel_x(canvas, record->box_max[canvas->across]), canvas->width);
@@ -101,7 +101,7 @@ static void put_box(const struct canvas *canvas, const struct store_node *record
 		for (int x = x0; x <= x1; x++) {
 			bool is_border = x == x0 || x == x1 || y == y0 || y == y1;
 
-			put(canvas, x, y, is_border && border ? border : fill);
+			put(canvas, x, y, is_border && x1 > x0 && y1 > y0 ? border : fill);
 		}
 }
 
@@ -237,12 +237,15 @@ void birds_eye_paint(const struct birds_eye *birds_eye, uint32_t width, uint32_t
 	for (size_t i = 0; i < count; i++) {
 		const struct birds_eye_node *node = &birds_eye->nodes[scratch[i]];
 		uint8_t fill[3];
+		uint8_t darker[3];
 
 		fill_of(birds_eye, scratch[i], fill);
+		for (unsigned k = 0; k < 3; k++)
+			darker[k] = (uint8_t)(fill[k] * 3 / 4);
 		put_box(&canvas, &birds_eye->records[scratch[i]], fill,
 			node->is_wanted     ? wanted_colour
 			: node->is_expected ? expected_colour
-					    : NULL);
+					    : darker);
 	}
 	if (birds_eye->camera)
 		put_camera(&canvas, birds_eye);

@@ -136,6 +136,34 @@ static void nodes_says_which_are_ready(void **state)
 	json_decref(answer);
 }
 
+static void map_draws_what_is_held_and_counts_it(void **state)
+{
+	const struct scene *scene = *state;
+	const char *picture = test_path(scene->folder, "map.png");
+	char arguments[4096];
+	char output[8192];
+	json_t *counts;
+	size_t bytes;
+	char *png;
+
+	(void)snprintf(arguments, sizeof(arguments), "%s -o %s --size 64x48", scene->store_path,
+		       picture);
+	counts = ask(scene, "map", arguments);
+	assert_int_equal(number(counts, "held"), HELD_COUNT);
+	assert_int_equal(number(counts, "absent"), 27 - HELD_COUNT);
+	json_decref(counts);
+	png = test_file_read(picture, &bytes);
+	assert_true(bytes > 8 && memcmp(png, "\x89PNG", 4) == 0);
+	free(png);
+	assert_int_equal(test_command(output, sizeof(output),
+				      "$OOCD_BIN/oocctl map %s -o %s/no/map.png --socket %s",
+				      scene->store_path, scene->folder, scene->daemon.socket_path),
+			 1);
+	assert_int_equal(
+		test_command(output, sizeof(output), "$OOCD_BIN/oocctl map %s", scene->store_path),
+		2);
+}
+
 static void tables_are_for_people(void **state)
 {
 	const struct scene *scene = *state;
@@ -164,6 +192,8 @@ int main(void)
 		cmocka_unit_test_setup_teardown(status_and_stores_say_who_holds_what, scene_setup,
 						scene_teardown),
 		cmocka_unit_test_setup_teardown(nodes_says_which_are_ready, scene_setup,
+						scene_teardown),
+		cmocka_unit_test_setup_teardown(map_draws_what_is_held_and_counts_it, scene_setup,
 						scene_teardown),
 		cmocka_unit_test_setup_teardown(tables_are_for_people, scene_setup, scene_teardown),
 	};
