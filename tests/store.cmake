@@ -51,6 +51,9 @@ add_dependencies(test_oocctl oocctl)
 oocd_test(test_oocctl_daemon integration SOURCES integration/test_oocctl_daemon.c
 	LINK oocd_daemon_kit PkgConfig::JANSSON)
 add_dependencies(test_oocctl_daemon oocctl)
+oocd_test(test_oocctl_steer integration SOURCES integration/test_oocctl_steer.c
+	openmetrics_judge.c LINK oocd_daemon_kit PkgConfig::JANSSON)
+add_dependencies(test_oocctl_steer oocctl)
 oocd_test(test_export integration SOURCES integration/test_export.c integration/triangles.c
 	LINK oocd_test_helper m TIMEOUT 120)
 add_dependencies(test_export oocctl oocbuild oocgen)
