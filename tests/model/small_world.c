@@ -34,9 +34,15 @@ static const struct {
 };
 
 #define SETS_ALL ((1u << SET_COUNT) - 1)
-/* In short: each lets go of each node, swaps them, and wants them in another order. */
-#define SETS_ARTIST (1u << 1 | 1u << 2 | 1u << 3 | 1u << 4)
-#define SETS_RIVAL  (1u << 0 | 1u << 1 | 1u << 2)
+/* In short: one of them, both, both in the other order; and a rival for the second that lets go. */
+#define SETS_ARTIST (1u << 1 | 1u << 3 | 1u << 4)
+#define SETS_RIVAL  (1u << 0 | 1u << 2)
+
+/* Argument of STEP_SEND. */
+#define SEND_RETIRE               1u
+#define SEND_TWICE                2u
+#define SEND_FLAGS                4u
+#define SEND_ARGUMENT(set, flags) (SEND_FLAGS * (set) + (flags))
 
 enum message_kind {
 	MESSAGE_NONE = 0,
@@ -48,6 +54,7 @@ struct message {
 	enum message_kind kind;
 	uint8_t set;
 	bool retire;
+	bool twice; /* before it the empty set, which is on its way too */
 	uint64_t serial;
 };
 
@@ -235,10 +242,15 @@ static void look(struct world *world, uint32_t r, uint32_t node)
 	};
 }
 
-static void send_set(struct reader *reader, uint8_t set, bool retire)
+/* twice: the reader has let go of all in between, and the daemon has yet to read of it. */
+static void send_set(struct reader *reader, uint8_t set, bool retire, bool twice)
 {
 	uint64_t since[WORLD_NODES] = { 0 };
 
+	if (twice) {
+		reader->serial++;
+		memset(reader->since, 0, sizeof(reader->since));
+	}
 	reader->serial++;
 	reader->set = set;
 	for (uint32_t i = 0; i < sets[set].count; i++) {
@@ -247,7 +259,7 @@ static void send_set(struct reader *reader, uint8_t set, bool retire)
 		since[node] = reader->since[node] > 0 ? reader->since[node] : reader->serial;
 	}
 	memcpy(reader->since, since, sizeof(since));
-	reader->message = (struct message){ MESSAGE_SET, set, retire, reader->serial };
+	reader->message = (struct message){ MESSAGE_SET, set, retire, twice, reader->serial };
 }
 
 static bool is_drawing(const struct reader *reader, uint64_t before_serial)
@@ -264,8 +276,13 @@ static void read_message(struct world *world, uint32_t r)
 {
 	struct visible *visible = &world->visible[r];
 	struct message message = world->readers[r].message;
-	struct wire_entry entries[WORLD_NODES];
+	struct wire_entry entries[WORLD_NODES] = { 0 };
 
+	if (message.twice) {
+		world->readers[r].message.twice = false;
+		CHECK(visible_take(visible, entries, 0, message.serial - 1, true) == 0);
+		return;
+	}
 	world->readers[r].message.kind = MESSAGE_NONE;
 	if (message.kind == MESSAGE_RETIRE) {
 		visible_retire(visible, message.serial);
@@ -340,7 +357,6 @@ static void throw_out(struct world *world, uint32_t r)
 	visible_detach(&world->visible[r], 0);
 	reader->thrown_out = true;
 	reader->message.kind = MESSAGE_NONE;
-	reader->look = LOOK_NONE;
 	/* What it draws now it has to look at again (ooc_still_valid). */
 	memset(reader->drawing, 0, sizeof(reader->drawing));
 }
@@ -358,6 +374,13 @@ void __real_cache_release(struct cache *cache, struct served *served, uint32_t i
 void __wrap_cache_release(struct cache *cache, struct served *served, uint32_t index);
 void __wrap_cache_release(struct cache *cache, struct served *served, uint32_t index)
 {
+	uint32_t granted_count = 0;
+
+	/* The grant has gone before the hold goes. */
+	for (uint32_t r = 0; r < WORLD_READERS; r++)
+		granted_count += is_alive(the_world, &the_world->readers[r]) &&
+				 is_granted(&the_world->readers[r], index);
+	CHECK(granted_count < served->nodes[index].hold_count);
 	__real_cache_release(cache, served, index);
 	world_observe(the_world);
 }
@@ -385,6 +408,8 @@ static void add_artist_steps(const struct world *world, struct step *ret, uint32
 {
 	const struct reader *reader = &world->readers[ARTIST];
 
+	if (!reader->thrown_out)
+		add(ret, count, STEP_THROW_OUT, ARTIST, 0);
 	if (reader->look != LOOK_NONE) {
 		add(ret, count, STEP_LOOK, ARTIST, reader->look_node);
 		return;
@@ -392,17 +417,20 @@ static void add_artist_steps(const struct world *world, struct step *ret, uint32
 	for (uint32_t i = 0; i < WORLD_NODES; i++) {
 		if (reader->drawing[i].on)
 			add(ret, count, STEP_END, ARTIST, i);
-		else if (is_acknowledged(world, ARTIST, i) && !is_drawing(reader, UINT64_MAX))
+		else if (!reader->thrown_out && is_acknowledged(world, ARTIST, i) &&
+			 !is_drawing(reader, UINT64_MAX))
 			add(ret, count, STEP_LOOK, ARTIST, i);
 	}
-	if (reader->message.kind != MESSAGE_NONE)
+	if (reader->thrown_out || reader->message.kind != MESSAGE_NONE)
 		return;
 	for (uint32_t set = 0; set < SET_COUNT; set++) {
 		if (!(world->set_masks[ARTIST] >> set & 1))
 			continue;
-		if (!is_drawing(reader, UINT64_MAX))
-			add(ret, count, STEP_SEND, ARTIST, 2 * set + 1);
-		add(ret, count, STEP_SEND, ARTIST, 2 * set);
+		add(ret, count, STEP_SEND, ARTIST, SEND_ARGUMENT(set, 0));
+		if (is_drawing(reader, UINT64_MAX))
+			continue;
+		add(ret, count, STEP_SEND, ARTIST, SEND_ARGUMENT(set, SEND_RETIRE));
+		add(ret, count, STEP_SEND, ARTIST, SEND_ARGUMENT(set, SEND_RETIRE | SEND_TWICE));
 	}
 	if (reader->serial > 0 && !is_drawing(reader, reader->serial))
 		add(ret, count, STEP_RETIRE, ARTIST, 0);
@@ -412,7 +440,7 @@ static void add_rival_steps(const struct world *world, struct step *ret, uint32_
 {
 	for (uint32_t set = 0; set < SET_COUNT; set++)
 		if (world->set_masks[RIVAL] >> set & 1)
-			add(ret, count, STEP_SEND, RIVAL, 2 * set + 1);
+			add(ret, count, STEP_SEND, RIVAL, SEND_ARGUMENT(set, SEND_RETIRE));
 	add(ret, count, STEP_THROW_OUT, RIVAL, 0);
 }
 
@@ -433,13 +461,14 @@ uint32_t world_steps(const struct world *world, struct step ret[WORLD_STEPS_MAX]
 	uint32_t count = 0;
 
 	for (uint32_t r = 0; r < WORLD_READERS; r++) {
-		if (world->readers[r].thrown_out)
-			continue;
+		bool is_here = !world->readers[r].thrown_out;
+
 		if (r == ARTIST)
 			add_artist_steps(world, ret, &count);
-		else
+		else if (is_here)
 			add_rival_steps(world, ret, &count);
-		add_daemon_steps(world, r, ret, &count);
+		if (is_here)
+			add_daemon_steps(world, r, ret, &count);
 	}
 	if (world->cache.room_is_coming)
 		add(ret, &count, STEP_GIVE_UP, 0, 0);
@@ -464,7 +493,8 @@ static void take(struct world *world, struct step step)
 
 	switch ((enum step_kind)step.kind) {
 	case STEP_SEND:
-		send_set(reader, step.argument / 2, step.argument % 2);
+		send_set(reader, step.argument / SEND_FLAGS, step.argument & SEND_RETIRE,
+			 step.argument & SEND_TWICE);
 		/* Only who draws by old grants cares how long a set is on its way. */
 		if (step.reader == RIVAL)
 			read_message(world, RIVAL);
@@ -670,6 +700,7 @@ static void put_reader(struct key *key, const struct world *world, uint32_t r)
 	if (r == RIVAL)
 		return;
 	put(key, reader->message.kind | (uint32_t)reader->message.set << 2 |
+			 (uint32_t)reader->message.twice << 5 |
 			 (uint32_t)reader->message.retire << 6);
 	put(key, reader->look | (uint32_t)reader->look_node << 4);
 	for (uint32_t i = 0; i < WORLD_NODES; i++)
@@ -721,9 +752,10 @@ const char *step_text(struct step step)
 	static char text[64];
 
 	if (step.kind == STEP_SEND)
-		(void)snprintf(text, sizeof(text), "reader %u sends %s%s", step.reader,
-			       sets[step.argument / 2].text,
-			       step.argument % 2 ? " and retires" : "");
+		(void)snprintf(text, sizeof(text), "reader %u sends %s%s%s", step.reader,
+			       step.argument & SEND_TWICE ? "{} and " : "",
+			       sets[step.argument / SEND_FLAGS].text,
+			       step.argument & SEND_RETIRE ? ", and retires" : "");
 	else if (step.kind >= STEP_PREFETCH)
 		(void)snprintf(text, sizeof(text), "node %u %s", step.argument, names[step.kind]);
 	else if (step.kind == STEP_LOOK || step.kind == STEP_END)

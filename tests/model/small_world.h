@@ -29,7 +29,7 @@
 
 enum step_kind {
 	/* Of a reader. */
-	STEP_SEND,   /* argument: set * 2 + retire */
+	STEP_SEND,   /* argument: which set, and how (small_world.c) */
 	STEP_RETIRE, /* all sets before the newest */
 	STEP_LOOK,   /* argument: node; the next of the looks that make it drawable */
 	STEP_END,    /* argument: node; it is drawn no longer */
