@@ -15,3 +15,5 @@ oocd_test(test_bench integration
 oocd_test(test_conservative unit
 	SOURCES unit/test_conservative.c helper_scene.c
 	LINK oocd_select oocd_store oocd_test_helper m)
+oocd_test(test_occlusion unit
+	SOURCES unit/test_occlusion.c LINK oocd_select oocd_test_helper m)

@@ -51,7 +51,7 @@ void hiding_direction_set(struct hiding_direction *ret, const double direction[3
 	for (unsigned k = 0; k < 3; k++) {
 		double weight = (ret->weight[k] / sum - cosine) / (1.0 - cosine);
 
-		ret->weight[k] = (float)fmax(weight, 0.0);
+		ret->weight[k] = sum > 0.0 ? (float)fmax(weight, 0.0) : (float)(1.0 / 3.0);
 	}
 }
 

@@ -36,7 +36,7 @@ struct hiding_direction {
 void hiding_init(struct hiding *ret, const struct places *places, const struct store_node *nodes,
 		 uint32_t node_count);
 
-/** direction:  of any length but 0; either sign gives the same. */
+/** direction:  of any length, 0 too (an eye in the middle of a cell); either sign gives the same. */
 void hiding_direction_set(struct hiding_direction *ret, const double direction[3]);
 
 /** Depth of a cell along a direction, across one edge; 0 of air. */
