@@ -17,3 +17,6 @@ oocd_test(test_conservative unit
 	LINK oocd_select oocd_store oocd_test_helper m)
 oocd_test(test_occlusion unit
 	SOURCES unit/test_occlusion.c LINK oocd_select oocd_test_helper m)
+oocd_test(test_select_orders unit
+	SOURCES unit/test_select_orders.c helper_scene.c
+	LINK oocd_select oocd_store oocd_test_helper m)
