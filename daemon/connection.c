@@ -27,6 +27,7 @@ struct connection {
 	int socket_fd;
 	int peer_fd;
 	struct ucred peer;
+	_Atomic uint64_t *message_count;
 	bool broken;
 	int error; /* that goes with the reason */
 	bool has_reason;
@@ -196,6 +197,11 @@ struct connection *connection_destroy(struct connection *connection)
 	return NULL;
 }
 
+void connection_count_in(struct connection *connection, _Atomic uint64_t *message_count)
+{
+	connection->message_count = message_count;
+}
+
 int connection_send(struct connection *connection, const void *message, size_t message_bytes,
 		    const int *fds, size_t fd_count)
 {
@@ -208,6 +214,9 @@ int connection_send(struct connection *connection, const void *message, size_t m
 		connection_break(connection, r, "it does not read what it is sent");
 	else if (r < 0)
 		set_broken(connection);
+	else
+		/* Pairs with the client's acquire load: the message is in its socket by then. */
+		atomic_fetch_add_explicit(connection->message_count, 1, memory_order_release);
 	return r;
 }
 

@@ -47,6 +47,8 @@ struct connection_calls {
  */
 int connection_create(sd_event *event, int socket_fd, const struct connection_calls *calls,
 		      void *calls_arg, struct connection **ret, struct why *why);
+/** Counts there what is sent from now on.  The client reads it. */
+void connection_count_in(struct connection *connection, _Atomic uint64_t *message_count);
 /** NULL is allowed.  Returns: NULL. */
 struct connection *connection_destroy(struct connection *connection);
 

@@ -746,6 +746,7 @@ int session_create(const struct session_config *config, int socket_fd, struct se
 		session_destroy(session);
 		return r;
 	}
+	connection_count_in(session->connection, &session->page->message_count);
 	*ret = session;
 	return 0;
 }

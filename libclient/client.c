@@ -27,6 +27,7 @@ static struct ooc_client *client_destroy(struct ooc_client *client)
 	for (size_t i = 0; client->daemon_options[i]; i++)
 		free(client->daemon_options[i]);
 	free(client->set.entries);
+	free(client->set.wants);
 	free(client->answer.text);
 	free(client);
 	return NULL;

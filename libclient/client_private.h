@@ -41,6 +41,11 @@
 #define RETRY_WAIT_MAX_NS NS_PER_S
 /** Longer texts are not believed. */
 #define ANSWER_BYTES_MAX (16 * MIB)
+/**
+ * A daemon that died has said nothing: where a program draws frame after frame its socket is looked at
+ * so often.  (Who sleeps on it is woken.)
+ */
+#define LOOK_NS (100 * NS_PER_MS)
 /** Views of lost sessions that a store keeps mapped for threads that may still draw from them. */
 #define OLD_VIEW_COUNT_MAX 4u
 /** Sets sent that ooc_retire() can tell apart. */
@@ -110,9 +115,12 @@ struct ooc_store {
 
 /** The newest set given, and how much of it has been said. */
 struct set {
+	struct ooc_want *wants; /* as they were given, to know them again */
+	size_t want_count;
+	size_t want_capacity; /* of entries as well */
+	bool is_whole;        /* no store of its wants was closed since */
 	struct wire_entry *entries;
 	size_t entry_count;
-	size_t entry_capacity;
 	uint64_t given;        /* its serial; 0: none was given yet */
 	bool unsaid;           /* not sent to its end in this session */
 	bool said_with_events; /* the newest set sent asked for them */
@@ -160,6 +168,8 @@ struct ooc_client {
 	uint64_t retry_wait_ns;
 	struct mapping page;
 	uint64_t epoch;
+	uint64_t taken_count; /* messages of this session */
+	uint64_t look_at_ns;  /* then the socket is looked at although no message is known of */
 
 	struct ooc_store *stores[WIRE_STORE_COUNT_MAX];
 	/* Bits of numbers that may not be used again yet. */
@@ -268,6 +278,9 @@ void set_restart(struct ooc_client *client);
 
 /** Says what is unsaid, where it may and can be. */
 void set_flush(struct ooc_client *client);
+
+/** Is the daemon asked to wake this program when something has changed? */
+bool set_wants_events(const struct ooc_client *client);
 
 /** Takes a closed store's nodes out. */
 void set_drop_store(struct ooc_client *client, const struct ooc_store *store);

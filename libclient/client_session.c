@@ -79,6 +79,7 @@ static int connect_at(struct ooc_client *client, const char *path)
 				 "cannot reach a daemon at %s", path);
 	}
 	client->socket_fd = fd;
+	client->taken_count = 0;
 	client->state = SESSION_GREETING;
 	client->greeting_deadline_ns = clock_now_ns() + GREETING_TIMEOUT_NS;
 	memcpy(hello.name, client->name, sizeof(hello.name));
@@ -251,6 +252,7 @@ static int take_next(struct ooc_client *client)
 		r = take_message(client, client->incoming, fds);
 	else
 		why_prefix(&client->why, "the daemon breaks the protocol");
+	client->taken_count++;
 	/* A mapping needs its descriptor no longer. */
 	for (size_t i = 0; i < fd_count; i++)
 		(void)fd_close(fds[i]);
@@ -280,10 +282,32 @@ static void forget_old_views(struct ooc_client *client, uint64_t settled)
 	}
 }
 
+/*
+ * Whoever draws frame after frame comes here each time, and almost always for nothing: that there is no
+ * message can be seen in shared memory, without a system call.
+ */
+static bool nothing_has_come(struct ooc_client *client)
+{
+	const struct wire_session_page *page = session_page(client);
+	uint64_t now_ns;
+
+	/* Pairs with the daemon's release of the count, once the message is in the socket. */
+	if (client->state != SESSION_LIVE || set_wants_events(client) ||
+	    atomic_load_explicit(&page->message_count, memory_order_acquire) !=
+		    client->taken_count ||
+	    atomic_load_explicit(&page->epoch, memory_order_acquire) != client->epoch)
+		return false;
+	now_ns = clock_now_ns();
+	if (now_ns < client->look_at_ns)
+		return true;
+	client->look_at_ns = now_ns + LOOK_NS;
+	return false;
+}
+
 int session_run(struct ooc_client *client)
 {
 	uint64_t settled = 0;
-	int r = 1;
+	int r;
 
 	if (client->state == SESSION_AWAY)
 		return -ENOTCONN;
@@ -294,6 +318,7 @@ int session_run(struct ooc_client *client)
 	if (client->state == SESSION_LIVE)
 		settled =
 			atomic_load_explicit(&session_page(client)->settled, memory_order_acquire);
+	r = nothing_has_come(client) ? 0 : 1;
 	for (unsigned i = 0; i < RUN_MESSAGES_MAX && r > 0; i++)
 		r = take_next(client);
 	if (r >= 0 && client->state == SESSION_GREETING &&
@@ -339,4 +364,5 @@ void session_pause(struct ooc_client *client, uint64_t deadline_ns)
 	if (client->state == SESSION_GREETING)
 		deadline_ns = u64_min(deadline_ns, client->greeting_deadline_ns);
 	(void)poll(&socket, 1, poll_timeout(deadline_ns));
+	client->look_at_ns = 0;
 }

@@ -18,21 +18,18 @@ static_assert(OOC_REASON_LOST < 1 << REASON_BITS, "a reason fits beside a serial
 
 /* ---- what is given ---- */
 
+static_assert(sizeof(struct ooc_want) ==
+		      sizeof(struct ooc_store *) + sizeof(uint32_t) + sizeof(float),
+	      "no hidden padding: wants are compared as bytes");
+
+/* A thousand of them in half a microsecond: in most frames nothing has changed. */
 static bool set_is_given(const struct ooc_client *client, const struct ooc_want *wants,
 			 size_t count)
 {
 	const struct set *set = &client->set;
 
-	if (set->given == 0 || set->recalled || set->entry_count != count)
-		return false;
-	for (size_t i = 0; i < count; i++) {
-		const struct wire_entry *entry = &set->entries[i];
-
-		if (entry->node != wants[i].node || entry->importance != wants[i].importance ||
-		    client->stores[entry->store] != wants[i].store)
-			return false;
-	}
-	return true;
+	return set->given != 0 && set->is_whole && !set->recalled && set->want_count == count &&
+	       (count == 0 || memcmp(set->wants, wants, count * sizeof(*wants)) == 0);
 }
 
 /* Judges what a caller wants, for sets and prefetches alike. */
@@ -61,22 +58,28 @@ static int wants_validate(struct ooc_client *client, const struct ooc_want *want
 	return 0;
 }
 
-static int set_reserve(struct ooc_client *client, size_t entry_count)
+/* Room for what is wanted, as it was given and as it is said. */
+static int set_reserve(struct ooc_client *client, size_t want_count)
 {
 	struct set *set = &client->set;
-	size_t capacity = set->entry_capacity ? set->entry_capacity : 256;
+	size_t capacity = set->want_capacity ? set->want_capacity : 256;
 	struct wire_entry *entries;
+	struct ooc_want *wants;
 
-	if (entry_count <= set->entry_capacity)
+	if (want_count <= set->want_capacity)
 		return 0;
-	while (capacity < entry_count)
+	while (capacity < want_count)
 		capacity *= 2;
 	entries = realloc(set->entries, capacity * sizeof(*entries));
-	if (!entries)
+	if (entries)
+		set->entries = entries;
+	wants = realloc(set->wants, capacity * sizeof(*wants));
+	if (wants)
+		set->wants = wants;
+	if (!entries || !wants)
 		return why_set(&client->why, -ENOMEM, "no memory for a set of %zu nodes",
-			       entry_count);
-	set->entries = entries;
-	set->entry_capacity = capacity;
+			       want_count);
+	set->want_capacity = capacity;
 	return 0;
 }
 
@@ -97,6 +100,10 @@ int64_t ooc_visible_set(struct ooc_client *client, const struct ooc_want *wants,
 
 	set->given = ++client->serial;
 	set->recalled = false;
+	if (count > 0)
+		memcpy(set->wants, wants, count * sizeof(*wants));
+	set->want_count = count;
+	set->is_whole = true;
 	set->entry_count = 0;
 	for (size_t i = 0; i < count; i++) {
 		struct want *want = &wants[i].store->wants[wants[i].node];
@@ -128,8 +135,10 @@ void set_drop_store(struct ooc_client *client, const struct ooc_store *store)
 			set->entries[kept_count++] = set->entries[i];
 	}
 	/* The entries said so far are no longer a head of those that are left. */
-	if (kept_count < set->entry_count)
+	if (kept_count < set->entry_count) {
 		set->saying = 0;
+		set->is_whole = false;
+	}
 	set->entry_count = kept_count;
 }
 
@@ -151,7 +160,7 @@ void set_restart(struct ooc_client *client)
 	set->sent_count = 0;
 }
 
-static bool events_are_wanted(const struct ooc_client *client)
+bool set_wants_events(const struct ooc_client *client)
 {
 	return client->notify || client->waiting;
 }
@@ -174,7 +183,7 @@ static size_t piece_write(struct ooc_client *client, struct wire_set *message)
 		flags |= WIRE_SET_LAST;
 	if (!client->keep_drawing || set->retired >= set->given)
 		flags |= WIRE_SET_RETIRE;
-	if (events_are_wanted(client))
+	if (set_wants_events(client))
 		flags |= WIRE_SET_EVENTS;
 	message->flags = flags;
 	message->serial = set->saying;
@@ -202,7 +211,7 @@ static void set_was_sent(struct ooc_client *client)
 	set->sent_serials[set->sent_count++ % SENT_COUNT_MAX] = serial;
 	set->unsaid = false;
 	set->saying = 0;
-	set->said_with_events = events_are_wanted(client);
+	set->said_with_events = set_wants_events(client);
 	client->counters.sets_sent++;
 }
 
@@ -238,7 +247,7 @@ void set_flush(struct ooc_client *client)
 
 	if (client->state != SESSION_LIVE || retire_flush(client) < 0)
 		return;
-	if (!set->unsaid && (set->said_with_events || !events_are_wanted(client)))
+	if (!set->unsaid && (set->said_with_events || !set_wants_events(client)))
 		return;
 	if (set->given == 0)
 		return;
@@ -246,7 +255,7 @@ void set_flush(struct ooc_client *client)
 	 * One unanswered set at a time keeps a busy daemon from working through sets that are old by
 	 * then.  But nothing wakes a caller that sleeps when the answer comes: its set goes at once.
 	 */
-	if (!events_are_wanted(client) && set_is_unanswered(client))
+	if (!set_wants_events(client) && set_is_unanswered(client))
 		return;
 	for (uint32_t i = 0; i < WIRE_STORE_COUNT_MAX; i++) {
 		/* After a loss the set waits until all stores are open again. */

@@ -306,6 +306,8 @@ struct wire_session_page {
 	_Atomic uint64_t prefetched_bytes; /* payload bytes read since WELCOME for its prefetches */
 	_Atomic uint64_t cache_bytes;      /* --cache-size */
 	_Atomic uint64_t cache_used_bytes; /* of it BUSY, HELD and FREE: all stores, all clients */
+	/* Messages sent to this client, WELCOME included: who has taken as many need not look for one. */
+	_Atomic uint64_t message_count;
 };
 
 /** One a store and generation: where every node is.  Then node_count words. */

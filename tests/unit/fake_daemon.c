@@ -169,6 +169,8 @@ void fake_send(struct fake_daemon *fake, void *message, enum wire_type type, siz
 	wire_header_init(message, type, bytes);
 	FAKE_CHECK(wire_check(WIRE_FROM_DAEMON, message, bytes, fd_count, NULL) == 0);
 	FAKE_CHECK(wire_send(fake->fd, message, bytes, fds, fd_count) == 0);
+	if (page_of(fake))
+		atomic_fetch_add_explicit(&page_of(fake)->message_count, 1, memory_order_release);
 }
 
 void fake_accept(struct fake_daemon *fake)
