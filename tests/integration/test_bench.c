@@ -486,6 +486,7 @@ static void wrong_command_lines_are_refused_with_two(void **state)
 					     "exact a b --size 3",
 					     "fetch",
 					     "fetch a --depth 0",
+					     "cache a --held 0",
 					     "build a b",
 					     "build --memory x" };
 
@@ -515,6 +516,39 @@ static void fetch_and_build_measure_something(void **state)
 	assert_string_equal(test_folder_list(folder), "errors m.ooc m.ply output ");
 }
 
+/* The number behind the first key of that name in the last program's output, or NaN. */
+static double number_said(const char *folder, const char *key)
+{
+	size_t length;
+	char *text = test_file_read(test_path(folder, "output"), &length);
+	const char *at = length > 0 ? memmem(text, length, key, strlen(key)) : NULL;
+	double number = NAN;
+
+	if (at)
+		(void)sscanf(at + strlen(key), " %lf", &number);
+	free(text);
+	return number;
+}
+
+static void cache_reads_the_same_bytes_in_every_way_and_nothing_changed_calls_nothing(void **state)
+{
+	const char *folder = *state;
+
+	assert_int_equal(run(folder, "oocgen plant --triangles 60000 --seed 2 -o m.ply"), 0);
+	assert_int_equal(run(folder, "oocbuild --quiet --leaf-triangles 500 -o m.ooc m.ply"), 0);
+	/* Different sums are a failure. */
+	assert_int_equal(run(folder, "oocbench cache m.ooc --quick --frames 4 --clients 2 --json "
+				     "--csv frames.csv"),
+			 0);
+	assert_true(said(folder, "output", "\"resident_lines\""));
+	assert_true(said(folder, "output", "\"mmap_nodes_s\""));
+	assert_true(said(folder, "output", "\"pread_nodes_s\""));
+	/* The first count is of the frames in which nothing changed: one look in a tenth of a second. */
+	assert_true(number_said(folder, "\"system_calls\":") <= 0.25);
+	assert_true(said(folder, "frames.csv", "regime,contestant,round,frame,nodes,us"));
+	assert_true(said(folder, "frames.csv", "cold_bytes,oocd,0,3,"));
+}
+
 #define IN_FOLDER(test)                                                                            \
 	cmocka_unit_test_setup_teardown(test, test_folder_setup, test_folder_teardown)
 
@@ -534,6 +568,8 @@ int main(void)
 		IN_FOLDER(a_model_without_floors_has_no_walk_and_says_so),
 		IN_FOLDER(wrong_command_lines_are_refused_with_two),
 		IN_FOLDER(fetch_and_build_measure_something),
+		IN_FOLDER(
+			cache_reads_the_same_bytes_in_every_way_and_nothing_changed_calls_nothing),
 	};
 
 	return TEST_RUN(tests);

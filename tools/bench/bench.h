@@ -11,6 +11,7 @@
 #define TOOLS_BENCH_BENCH_H
 
 int verb_build(int argc, char **argv);
+int verb_cache(int argc, char **argv);
 int verb_chart(int argc, char **argv);
 int verb_exact(int argc, char **argv);
 int verb_fetch(int argc, char **argv);

@@ -20,6 +20,7 @@ static const struct verb {
 	{ "chart", verb_chart, "charts accuracy against speed, and finds the knee" },
 	{ "exact", verb_exact, "proves pictures of a store equal to those of its input" },
 	{ "fetch", verb_fetch, "measures cold fetches against what the disk gives" },
+	{ "cache", verb_cache, "measures the cache against mmap, pread, LMDB and memcached" },
 	{ "build", verb_build, "measures builds against what the disk takes" },
 	{ "stress", verb_stress, "kills clients of a crowd and looks at what the living notice" },
 	{ "soak", verb_soak, "kills clients and daemons for hours, while reads fail" },
@@ -41,6 +42,7 @@ static void help(void)
 	     "  oocbench path plant.ooc --kind walk --frames 600 --seed 1 -o walk.csv\n"
 	     "  oocbench exact plant.ooc plant.ply --views 25\n"
 	     "  oocbench fetch plant.ooc\n"
+	     "  oocbench cache plant.ooc\n"
 	     "  oocbench build --triangles 13000000");
 }
 

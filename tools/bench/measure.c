@@ -362,6 +362,16 @@ struct measure_spread measure_spread_of(double *values, size_t count)
 	};
 }
 
+struct measure_tail measure_tail_of(double *values, size_t count)
+{
+	qsort(values, count, sizeof(*values), double_compare);
+	return (struct measure_tail){
+		.median = 0.5 * (values[(count - 1) / 2] + values[count / 2]),
+		.percentile_99 = values[(count - 1) * 99 / 100],
+		.highest = values[count - 1],
+	};
+}
+
 void report_begin(struct report *report, bool is_json)
 {
 	*report = (struct report){ .out = stdout, .is_json = is_json, .is_first = true };
@@ -451,6 +461,26 @@ void report_spread(struct report *report, const char *key, const char *title,
 	table_title(report, title);
 	table_number(report, spread.median);
 	fprintf(report->out, " %s  (%.4g to %.4g)\n", unit, spread.low, spread.high);
+}
+
+void report_tail(struct report *report, const char *key, const char *title,
+		 struct measure_tail tail, const char *unit)
+{
+	if (report->is_json) {
+		json_key(report, key);
+		fputs("{ \"median\": ", report->out);
+		json_number(report, tail.median);
+		fputs(", \"p99\": ", report->out);
+		json_number(report, tail.percentile_99);
+		fputs(", \"high\": ", report->out);
+		json_number(report, tail.highest);
+		fputs(" }", report->out);
+		return;
+	}
+	table_title(report, title);
+	table_number(report, tail.median);
+	fprintf(report->out, " %s  (p99 %.4g, at most %.4g)\n", unit, tail.percentile_99,
+		tail.highest);
 }
 
 void report_group_begin(struct report *report, const char *key, const char *title)

@@ -114,6 +114,16 @@ struct measure_spread {
 struct measure_spread measure_spread_of(double *values, size_t count);
 
 /** Results under construction. */
+
+/** Of many: the middle, the slow ones, the slowest. */
+struct measure_tail {
+	double median;
+	double percentile_99;
+	double highest;
+};
+/** Sorts the values; count > 0. */
+struct measure_tail measure_tail_of(double *values, size_t count);
+
 struct report {
 	FILE *out;
 	bool is_json;
@@ -129,6 +139,8 @@ void report_number(struct report *report, const char *key, const char *title, do
 void report_text(struct report *report, const char *key, const char *title, const char *value);
 void report_spread(struct report *report, const char *key, const char *title,
 		   struct measure_spread spread, const char *unit);
+void report_tail(struct report *report, const char *key, const char *title,
+		 struct measure_tail tail, const char *unit);
 /** An object within the object; for people, a heading. */
 void report_group_begin(struct report *report, const char *key, const char *title);
 void report_group_end(struct report *report);

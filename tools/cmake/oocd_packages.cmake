@@ -17,6 +17,8 @@ pkg_check_modules(ASSIMP REQUIRED IMPORTED_TARGET assimp>=5.2)
 pkg_check_modules(JANSSON REQUIRED IMPORTED_TARGET jansson>=2.13)
 pkg_check_modules(CMOCKA REQUIRED IMPORTED_TARGET cmocka>=1.1)
 find_package(meshoptimizer REQUIRED)
+# Only to be measured against.
+pkg_check_modules(LMDB IMPORTED_TARGET lmdb)
 
 # Not on every architecture, and not in every build of the library.
 include(CheckSymbolExists)
