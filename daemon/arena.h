@@ -36,6 +36,7 @@ struct segment {
 	uint32_t number;
 	uint32_t buffer;         /* of the fetch layer; FETCH_BUFFER_NONE: not registered */
 	uint32_t pinned_pages;   /* of BUSY and HELD nodes; cache.c counts */
+	bool inherited;          /* and not registered yet: see server_stores.c */
 	bool draining;           /* nothing new comes in until nothing is held in it; cache.c */
 	bool draining_for_good;  /* it is wanted by another store */
 	uint64_t empty_since_ns; /* 0: not empty */

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
 #include "daemon/limits.h"
 #include "daemon/recorder.h"
@@ -16,6 +17,11 @@
 
 /* OPENs that may be with the workers at one time: each may load a whole HS. */
 #define OPENING_COUNT_MAX 64u
+
+/* Linux 5.14; older headers do not have it. */
+#ifndef MADV_POPULATE_WRITE
+#define MADV_POPULATE_WRITE 23
+#endif
 
 static struct served *store_find(struct server *server, dev_t device, ino_t inode)
 {
@@ -433,10 +439,87 @@ void server_segment_gone(void *arg, struct served *served, struct segment *segme
 
 /* ---- what a predecessor left ---- */
 
-static void take_segment(void *arg, struct served *served, struct segment *segment)
+/*
+ * Registering memory maps it first, which takes up to a second a GiB: that is a worker's, one segment
+ * after the other, while the others verify.  Until then it is read into as memory that cannot be
+ * registered.
+ */
+struct map_job {
+	struct worker_job job;
+	struct server *server;
+	const struct served *served; /* it may have gone when the job is done */
+	uint32_t number;
+	void *base;
+	uint64_t bytes;
+};
+
+/* On a worker.  If the segment goes meanwhile, there is nothing to map, or nobody minds. */
+static void map_run(struct worker_job *job, struct codec_scratch *scratch)
 {
-	(void)served;
-	segment_register(arg, segment);
+	struct map_job *self = LIST_ENTRY(job, struct map_job, job);
+
+	(void)scratch;
+	(void)madvise(self->base, self->bytes, MADV_POPULATE_WRITE);
+}
+
+static struct segment *map_result(const struct map_job *self)
+{
+	LIST_FOR_EACH (link, &self->server->cache.stores) {
+		const struct served *served = LIST_ENTRY(link, struct served, link);
+		struct segment *segment = served->arena.by_number[self->number];
+
+		if (served == self->served && segment && segment->memfile.base == self->base)
+			return segment;
+	}
+	return NULL;
+}
+
+static void map_next(struct server *server);
+
+static void map_done(struct worker_job *job)
+{
+	struct map_job *self = LIST_ENTRY(job, struct map_job, job);
+	struct server *server = self->server;
+	struct segment *segment = map_result(self);
+
+	free(self);
+	if (server->stopping)
+		return;
+	if (segment)
+		segment_register(server, segment);
+	map_next(server);
+}
+
+static void map_start(struct server *server, const struct served *served, struct segment *segment)
+{
+	struct map_job *self = calloc(1, sizeof(*self));
+
+	segment->inherited = false;
+	/* Without memory for the job it stays unregistered. */
+	if (!self)
+		return;
+	self->job = (struct worker_job){ .run = map_run, .done = map_done };
+	list_init(&self->job.link);
+	self->server = server;
+	self->served = served;
+	self->number = segment->number;
+	self->base = segment->memfile.base;
+	self->bytes = segment->memfile.bytes;
+	workers_add(server->workers, &self->job);
+}
+
+static void map_next(struct server *server)
+{
+	LIST_FOR_EACH (link, &server->cache.stores) {
+		const struct served *served = LIST_ENTRY(link, struct served, link);
+
+		LIST_FOR_EACH (at, &served->arena.in_order) {
+			if (!ARENA_SEGMENT(at)->inherited)
+				continue;
+			map_start(server, served, ARENA_SEGMENT(at));
+			return;
+		}
+	}
 }
 
 /* A description of the file that is read from as any other, whatever the predecessor read by. */
@@ -494,7 +577,7 @@ static int take_over_store(struct server *server, struct kept_store *kept, struc
 		return r;
 	kept->file_fd = fd_close(kept->file_fd);
 	kept->ledger_fd = fd_close(kept->ledger_fd);
-	if (takeover_begin(server->takeover, served, kept, take_segment, server,
+	if (takeover_begin(server->takeover, served, kept,
 			   clock_now_ns() + server->config.grace_ms * NS_PER_MS) < 0)
 		log_warning("%s: no memory to take over what is kept of it", served->path);
 	/* Only now: a successor finds every kept payload in the newest directory. */
@@ -517,4 +600,5 @@ void server_take_over(struct server *server)
 		kept_store_destroy(kept, true);
 	}
 	server->config.kept_stores = NULL;
+	map_next(server);
 }

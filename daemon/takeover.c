@@ -223,9 +223,7 @@ static void adopt_directories(struct inherited *inherited, struct kept_store *ke
 
 /* What does not fit stays with kept, which closes it: who still draws from it keeps it alive. */
 static void adopt_segments(struct takeover *takeover, struct served *served,
-			   struct kept_store *kept,
-			   void (*told)(void *arg, struct served *served, struct segment *segment),
-			   void *told_arg)
+			   struct kept_store *kept)
 {
 	for (uint32_t i = 0; i < kept->segment_count; i++) {
 		struct kept_segment *from = &kept->segments[i];
@@ -244,7 +242,8 @@ static void adopt_segments(struct takeover *takeover, struct served *served,
 			continue;
 		}
 		from->fd = fd_close(from->fd);
-		told(told_arg, served, segment);
+		segment->buffer = FETCH_BUFFER_NONE;
+		segment->inherited = true;
 	}
 }
 
@@ -275,8 +274,7 @@ static int inherited_create(struct takeover *takeover, struct served *served,
 }
 
 int takeover_begin(struct takeover *takeover, struct served *served, struct kept_store *kept,
-		   void (*segment)(void *arg, struct served *served, struct segment *segment),
-		   void *segment_arg, uint64_t grace_end_ns)
+		   uint64_t grace_end_ns)
 {
 	struct was *was = calloc(served->node_count, sizeof(*was));
 	struct inherited *inherited;
@@ -290,7 +288,7 @@ int takeover_begin(struct takeover *takeover, struct served *served, struct kept
 	inherited->grace_end_ns = grace_end_ns;
 	adopt_directories(inherited, kept);
 	if (inherited->directory_count > 0) {
-		adopt_segments(takeover, served, kept, segment, segment_arg);
+		adopt_segments(takeover, served, kept);
 		count = read_words(served, inherited->directories[0].base, was);
 		qsort(was, count, sizeof(*was), was_compare);
 		adopt_nodes(inherited, was, count);

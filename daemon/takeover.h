@@ -64,14 +64,12 @@ struct takeover *takeover_destroy(struct takeover *takeover);
  * Fills a store's empty arena with what is kept of it, as far as the budget allows.
  *
  * served:    known to the cache; it has inherited the ledger (served_inherit).
- * kept:      what is taken leaves it.
- * segments:  told of each segment that is taken.
+ * kept:      what is taken leaves it.  Segments are marked as inherited: nothing is registered.
  *
  * Returns: 0 or -ENOMEM, after which nothing of it is BUSY.
  */
 int takeover_begin(struct takeover *takeover, struct served *served, struct kept_store *kept,
-		   void (*segment)(void *arg, struct served *served, struct segment *segment),
-		   void *segment_arg, uint64_t grace_end_ns);
+		   uint64_t grace_end_ns);
 
 /** A session waits for a node whose fill is NODE_TAKEOVER.  See fills_set_takeover(). */
 void takeover_want(void *takeover, const struct served *served, uint32_t index);
