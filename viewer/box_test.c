@@ -114,7 +114,7 @@ static int reserve(struct box_test *test, size_t count)
 	return 0;
 }
 
-/* Makes the record of a box, larger.  Returns: false when it comes too near to be drawn. */
+/* Makes the record of a box, larger.  Returns: false when the eye is in it. */
 static bool enlarge(const struct box_test_view *view, const struct conservative_box *box,
 		    struct box_record *ret)
 {
@@ -122,7 +122,7 @@ static bool enlarge(const struct box_test_view *view, const struct conservative_
 	double across = 2.0 * camera->tan_half_x / (view->width * (double)view->tile->scale_x);
 	double down = 2.0 * camera->tan_half_y / (view->height * (double)view->tile->scale_y);
 	double farthest2 = 0.0;
-	double nearest = 0.0;
+	bool is_outside = false;
 	double margin;
 
 	for (int k = 0; k < 3; k++) {
@@ -137,15 +137,14 @@ static bool enlarge(const struct box_test_view *view, const struct conservative_
 		double low = box->box_min[k] - margin;
 		double high = box->box_max[k] + margin;
 
-		nearest += fmin((low - camera->eye[k]) * camera->forward[k],
-				(high - camera->eye[k]) * camera->forward[k]);
+		is_outside = is_outside || low > camera->eye[k] || high < camera->eye[k];
 		ret->box_min[k] = (float)(low - camera->anchor[k]);
 		ret->box_max[k] = (float)(high - camera->anchor[k]);
 	}
-	return nearest > camera->near;
+	return is_outside;
 }
 
-/* Takes those that are drawn; the others show.  Returns: how many, or -ENOMEM. */
+/* Takes those that the eye is not in; the others show.  Returns: how many, or -ENOMEM. */
 static int take_boxes(struct box_test *test, const struct box_test_view *view,
 		      const struct conservative_box *boxes, size_t box_count, bool *ret_shows,
 		      size_t *ret_count)
@@ -183,10 +182,16 @@ static void begin_drawing(struct box_test *test, GLuint program, const struct bo
 	glDepthMask(GL_FALSE);
 	glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
 	glEnable(GL_CULL_FACE);
+	/*
+	 * Every ray from the eye enters a box that the eye is not in through a side towards the eye,
+	 * and that side may lie before the near plane: it is drawn there, as near as can be.
+	 */
+	glEnable(GL_DEPTH_CLAMP);
 }
 
 static void end_drawing(void)
 {
+	glDisable(GL_DEPTH_CLAMP);
 	glDisable(GL_CULL_FACE);
 	glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
 	glDepthMask(GL_TRUE);

@@ -8,7 +8,7 @@
  *
  * Conservative: a box is drawn larger by a quarter of a pixel where it is farthest, so that neither the
  * snapping of its corners nor a rounding of its depth can hide what lies in it, and a box at the same
- * depth as a surface shows.  What comes too near to be drawn shows.
+ * depth as a surface shows.  A box may reach behind the eye; one that the eye is in shows.
  *
  * Threads: the GL thread.
  */

@@ -2,6 +2,7 @@
 #include "viewer/frame_private.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -14,6 +15,7 @@
 #include "viewer/box_test.h"
 #include "viewer/raster_check.h"
 #include "viewer/stop.h"
+#include "viewer/tight_boxes.h"
 
 /*
  * Boxes tested at once by OpenGL.  Each round costs a wait for its answer; in a larger one more is
@@ -22,8 +24,13 @@
 #define ROUND_MAX 64u
 /* Queries look at so large a share of what was drawn, in turn, whether it still shows. */
 #define REMAIN_SHARE 8u
+/* Nodes whose boxes are learnt in one frame, so that no frame learns a whole model: about a ms. */
+#define LEARNT_MAX 64u
 /* How often a live frame that waits looks whether the program is to stop. */
 #define WAIT_STEP_MS 2
+
+/* As libclient/select/conservative.c has it: covers what the float transform rounds. */
+#define NEAR_MARGIN 1.01
 
 #define NOTHING_SEEN UINT32_MAX
 
@@ -31,6 +38,7 @@ struct frame_conservative {
 	struct frame *frame;
 	struct box_test *boxes;
 	struct conservative *stores[WORLD_STORE_COUNT_MAX];
+	struct tight_boxes *tight[WORLD_STORE_COUNT_MAX];
 	struct conservative_result results[WORLD_STORE_COUNT_MAX]; /* of the frame in hand */
 	uint64_t turn;                                             /* frames so far */
 
@@ -46,7 +54,17 @@ struct frame_conservative {
 	struct occlusion *occlusion; /* NULL: not used yet; as large as the picture */
 	bool is_software_exact;
 
+	/* Tight boxes of a round, and which box of the round each is of. */
+	struct {
+		struct conservative_box *boxes;
+		size_t *of;
+		bool *shows;
+		size_t room;
+		size_t count;
+	} fine;
+
 	/* The frame in hand. */
+	uint32_t learnt; /* nodes whose tight boxes are new */
 	const struct frame_picture *picture;
 	struct frame_report *report;
 	struct why *why;
@@ -65,8 +83,13 @@ struct frame_conservative *frame_conservative_destroy(struct frame_conservative 
 {
 	if (!self)
 		return NULL;
-	for (uint32_t i = 0; i < WORLD_STORE_COUNT_MAX; i++)
+	for (uint32_t i = 0; i < WORLD_STORE_COUNT_MAX; i++) {
 		conservative_destroy(self->stores[i]);
+		tight_boxes_destroy(self->tight[i]);
+	}
+	free(self->fine.boxes);
+	free(self->fine.of);
+	free(self->fine.shows);
 	glDeleteFramebuffers(1, &self->framebuffer);
 	glDeleteRenderbuffers(1, &self->seen);
 	box_test_destroy(self->boxes);
@@ -89,6 +112,9 @@ static int create(struct frame *frame, struct frame_conservative **ret, struct w
 	for (uint32_t i = 0; i < world->store_count; i++) {
 		self->node_count += world->stores[i].superblock->node_count;
 		r = conservative_create(world->stores[i].selector, &self->stores[i]);
+		if (r == 0)
+			r = tight_boxes_create(world->stores[i].superblock->node_count,
+					       &self->tight[i]);
 		if (r < 0)
 			goto err_destroy;
 	}
@@ -345,28 +371,138 @@ static int test_queries(struct frame_conservative *self, const struct conservati
 				ret_shows);
 }
 
+/* Does a box reach to where the software cannot project it? */
+static bool reaches_near(const struct camera_view *view, const struct conservative_box *box)
+{
+	double least = 0.0;
+
+	for (int k = 0; k < 3; k++)
+		least += fmin((box->box_min[k] - view->eye[k]) * view->forward[k],
+			      (box->box_max[k] - view->eye[k]) * view->forward[k]);
+	return least <= view->near * NEAR_MARGIN;
+}
+
+/* The software tests what lies behind the near plane; the rest shows. */
+static int test_in_software(struct frame_conservative *self, const struct conservative_box *boxes,
+			    size_t box_count, bool *ret_shows)
+{
+	const struct camera_view *view = &store_of(self)->view;
+
+	for (size_t i = 0; i < box_count; i++) {
+		int r = 0;
+
+		ret_shows[i] = reaches_near(view, &boxes[i]);
+		if (!ret_shows[i])
+			r = self->software_tester.test(self->software_tester.context, &boxes[i], 1,
+						       &ret_shows[i]);
+		if (r < 0)
+			return r;
+	}
+	return 0;
+}
+
+static int test_boxes(struct frame_conservative *self, const struct conservative_box *boxes,
+		      size_t box_count, bool *ret_shows)
+{
+	const struct box_test_view view = test_view(self);
+
+	switch (self->visibility) {
+	case FRAME_VISIBILITY_ITEMS:
+		return box_test_flags(self->boxes, &view, boxes, box_count, ret_shows);
+	case FRAME_VISIBILITY_QUERIES:
+		return test_queries(self, boxes, box_count, ret_shows);
+	case FRAME_VISIBILITY_SOFTWARE:
+		return test_in_software(self, boxes, box_count, ret_shows);
+	case FRAME_VISIBILITY_COUNT_:
+		break;
+	}
+	CHECK(!"a way to test");
+	return -EINVAL;
+}
+
+static int reserve_fine(struct frame_conservative *self, size_t count)
+{
+	size_t room = count + count / 2;
+	void *grown;
+
+	if (count <= self->fine.room)
+		return 0;
+	grown = reallocarray(self->fine.boxes, room, sizeof(*self->fine.boxes));
+	if (!grown)
+		return -ENOMEM;
+	self->fine.boxes = grown;
+	grown = reallocarray(self->fine.of, room, sizeof(*self->fine.of));
+	if (!grown)
+		return -ENOMEM;
+	self->fine.of = grown;
+	grown = reallocarray(self->fine.shows, room, sizeof(*self->fine.shows));
+	if (!grown)
+		return -ENOMEM;
+	self->fine.shows = grown;
+	self->fine.room = room;
+	return 0;
+}
+
+/* Adds the tight boxes of a box to those that are tested, if they are known or can be learnt. */
+static int take_fine(struct frame_conservative *self, const struct conservative_box *box,
+		     size_t number)
+{
+	struct tight_boxes *tight = self->tight[self->store];
+	const struct conservative_box *fine;
+	uint32_t count = tight_boxes_find(tight, box->node, &fine);
+	const void *payload = NULL;
+	int r;
+
+	if (count == 0 && self->learnt < LEARNT_MAX)
+		payload = ooc_map(store_of(self)->store, box->node);
+	if (payload) {
+		r = tight_boxes_learn(tight, box, payload);
+		if (r < 0)
+			return r;
+		self->learnt++;
+		count = tight_boxes_find(tight, box->node, &fine);
+	}
+	r = reserve_fine(self, self->fine.count + count);
+	if (r < 0)
+		return r;
+	for (uint32_t i = 0; i < count; i++) {
+		self->fine.boxes[self->fine.count] = fine[i];
+		self->fine.of[self->fine.count++] = number;
+	}
+	return 0;
+}
+
+/* Of what shows as a whole, hides again what has no part that shows. */
+static int test_fine(struct frame_conservative *self, const struct conservative_box *boxes,
+		     size_t box_count, bool *shows)
+{
+	int r = 0;
+
+	self->fine.count = 0;
+	for (size_t i = 0; i < box_count && r == 0; i++)
+		if (shows[i])
+			r = take_fine(self, &boxes[i], i);
+	if (r == 0 && self->fine.count > 0)
+		r = test_boxes(self, self->fine.boxes, self->fine.count, self->fine.shows);
+	if (r < 0)
+		return r;
+	for (size_t i = 0; i < self->fine.count; i++)
+		shows[self->fine.of[i]] = false;
+	for (size_t i = 0; i < self->fine.count; i++)
+		shows[self->fine.of[i]] = shows[self->fine.of[i]] || self->fine.shows[i];
+	self->report->boxes_tested += self->fine.count;
+	return 0;
+}
+
 static int on_test(void *context, const struct conservative_box *boxes, size_t box_count,
 		   bool *ret_shows)
 {
 	struct frame_conservative *self = context;
-	const struct box_test_view view = test_view(self);
 	uint64_t begin_ns = clock_now_ns();
-	int r = 0;
+	int r = test_boxes(self, boxes, box_count, ret_shows);
 
-	switch (self->visibility) {
-	case FRAME_VISIBILITY_ITEMS:
-		r = box_test_flags(self->boxes, &view, boxes, box_count, ret_shows);
-		break;
-	case FRAME_VISIBILITY_QUERIES:
-		r = test_queries(self, boxes, box_count, ret_shows);
-		break;
-	case FRAME_VISIBILITY_SOFTWARE:
-		r = self->software_tester.test(self->software_tester.context, boxes, box_count,
-					       ret_shows);
-		break;
-	case FRAME_VISIBILITY_COUNT_:
-		CHECK(!"a way to test");
-	}
+	if (r == 0)
+		r = test_fine(self, boxes, box_count, ret_shows);
 	self->report->selection_ms += frame_ms_since(begin_ns);
 	return r;
 }
@@ -473,6 +609,7 @@ static int begin(struct frame *frame, const struct frame_picture *picture, bool 
 	self->why = why;
 	self->is_settled = is_settled;
 	self->turn++;
+	self->learnt = 0;
 	self->visibility = picture->style->visibility;
 	/* The software's image is of the whole picture. */
 	if (!is_whole(picture->tile))
@@ -501,6 +638,7 @@ static int find(struct frame_conservative *self)
 						    .test = on_test,
 						    .remain = on_remain,
 						    .context = self,
+						    .tests_near = true,
 						    .round_max = ROUND_MAX };
 	struct frame_report *report = self->report;
 	size_t untested_count = 0;

@@ -185,7 +185,7 @@ static ssize_t round_test(struct conservative *conservative,
 		struct conservative_box *box = &conservative->boxes[box_count];
 
 		*box = box_of(conservative->selector, conservative->candidates[index].node);
-		if (box_is_near(&conservative->view, box))
+		if (!tester->tests_near && box_is_near(&conservative->view, box))
 			conservative->round[near_count++] = index;
 		else
 			conservative->nodes[box_count++] = index;

@@ -48,7 +48,7 @@ struct conservative_tester {
 
 	/**
 	 * Says which boxes have a sample that is not behind the depth.  A box at the same depth shows.
-	 * No box reaches to the near plane: those count as showing without a test.
+	 * Unless tests_near, no box reaches to the near plane: those count as showing without a test.
 	 */
 	int (*test)(void *context, const struct conservative_box *boxes, size_t box_count,
 		    bool *ret_shows);
@@ -60,6 +60,7 @@ struct conservative_tester {
 	int (*remain)(void *context, const uint32_t *nodes, size_t node_count, bool *ret_remains);
 
 	void *context;
+	bool tests_near; /* boxes that reach to the near plane, and behind the eye, are tested too */
 	size_t round_max; /* boxes tested at once, at least 1: few where an answer is quick */
 	/** What testing costs in any case, in triangles: with fewer to draw it does not pay. */
 	uint64_t overhead_triangles;

@@ -157,18 +157,32 @@ static void a_box_at_the_depth_of_a_surface_shows(void **state)
 	check(2);
 }
 
-/* What is too near to be drawn shows; what is behind the eye is not asked for by anyone. */
-static void a_box_at_the_near_plane_shows(void **state)
+/* Boxes through the near plane and behind the eye are tested by what of them is in view. */
+static void a_box_that_reaches_behind_the_eye_shows_where_it_is_in_view(void **state)
 {
 	const struct box_test_view against = test_view();
+	const struct conservative_box cases[] = {
+		/* Beside the eye on the left, as long as the wall is far; on the right; around it. */
+		{ .box_min = { -30.0f, -5.0f, -1.0f }, .box_max = { -20.0f, 25.0f, 1.0f } },
+		{ .box_min = { 20.0f, -5.0f, -1.0f }, .box_max = { 30.0f, 25.0f, 1.0f } },
+		{ .box_min = { -1.0f, -1.0f, -1.0f }, .box_max = { 1.0f, 1.0f, 1.0f } },
+		/* On the left, before the wall; beside the frustum; behind the eye. */
+		{ .box_min = { -3.0f, 0.05f, -1.0f }, .box_max = { -1.0f, 12.0f, 1.0f } },
+		{ .box_min = { -30.0f, -5.0f, -1.0f }, .box_max = { -20.0f, 2.0f, 1.0f } },
+		{ .box_min = { -3.0f, -9.0f, -1.0f }, .box_max = { 3.0f, -1.0f, 1.0f } },
+	};
+	const bool answers[] = { false, true, true, true, false, false };
 
 	(void)state;
-	boxes[0] = (struct conservative_box){ .box_min = { -3.0f, 0.05f, -1.0f },
-					      .box_max = { -1.0f, 12.0f, 1.0f } };
-	expected[0] = true;
-	draw_wall(0.2);
-	assert_int_equal(box_test_flags(boxes_test, &against, boxes, 1, shows), 0);
-	check(1);
+	memcpy(boxes, cases, sizeof(cases));
+	memcpy(expected, answers, sizeof(answers));
+	draw_wall(10.0);
+	assert_int_equal(box_test_flags(boxes_test, &against, boxes, ARRAY_LENGTH(cases), shows),
+			 0);
+	check(ARRAY_LENGTH(cases));
+	assert_int_equal(
+		box_test_queries(boxes_test, &against, boxes, ARRAY_LENGTH(cases), 0, shows), 0);
+	check(ARRAY_LENGTH(cases));
 }
 
 /* Thinner than a pixel, and between the samples: it may hide nothing, and is not to be hidden. */
@@ -210,7 +224,7 @@ int main(void)
 		cmocka_unit_test(seventy_thousand_boxes_flag_themselves),
 		cmocka_unit_test(queries_say_the_same),
 		cmocka_unit_test(a_box_at_the_depth_of_a_surface_shows),
-		cmocka_unit_test(a_box_at_the_near_plane_shows),
+		cmocka_unit_test(a_box_that_reaches_behind_the_eye_shows_where_it_is_in_view),
 		cmocka_unit_test(a_box_thinner_than_a_pixel_is_seen_where_it_may_have_a_sample),
 		cmocka_unit_test(the_rasterisers_agree),
 	};
