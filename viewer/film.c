@@ -19,7 +19,13 @@ static int take(struct show *show, const struct camera *camera, const char *path
 	show_set_budget(show, options->size.width, options->size.height, &style);
 	r = picture_take(&show->picture, show->frame, &show->world, camera, &style, options->size,
 			 options->is_settled, path, &report, why);
-	return r < 0 ? r : show_add(show, camera, &report, why);
+	if (r < 0)
+		return r;
+	return show_add(show,
+			&(struct show_frame){ camera,
+					      (double)options->size.width / options->size.height,
+					      &style, &report },
+			why);
 }
 
 static int take_frame(struct show *show, const struct camera *camera, size_t frame, struct why *why)

@@ -124,6 +124,8 @@ static int run(const struct options *options, char **store_paths, struct why *wh
 	if (r == 0)
 		r = show_begin_pace(&show, why);
 	if (r == 0)
+		r = show_begin_foresight(&show, why);
+	if (r == 0)
 		r = open_outputs(&show, why);
 	if (r == 0)
 		r = options->is_headless ? film_run(&show, why) : window_run(&show, why);
@@ -135,6 +137,7 @@ static int run(const struct options *options, char **store_paths, struct why *wh
 		write_summary(&show);
 	statistics_done(&show.statistics);
 	picture_done(&show.picture);
+	foresight_destroy(show.foresight);
 	frame_destroy(show.frame);
 	surface_close(show.surface);
 out_scene:

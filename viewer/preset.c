@@ -17,6 +17,7 @@ static const struct preset presets[] = {
 	  .fps = 10.0,
 	  .width = 1024,
 	  .height = 768,
+	  .prefetch_bytes = 1 * MIB,
 	  .cache_bytes = 32 * MIB,
 	  .daemon_options = { "--cache-size", "32M", "--queue-depth", "8", "--workers", "1" } },
 	{ .name = "iwalk-2003",
@@ -24,6 +25,7 @@ static const struct preset presets[] = {
 	  .fps = 10.0,
 	  .width = 1024,
 	  .height = 768,
+	  .prefetch_bytes = 2 * MIB,
 	  .cache_bytes = 256 * MIB,
 	  .daemon_options = { "--cache-size", "256M", "--queue-depth", "8", "--workers", "1" } },
 };

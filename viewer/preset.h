@@ -16,6 +16,7 @@ struct preset {
 	double fps;                /* that the budget was meant for: the deadline of a frame */
 	uint32_t width;
 	uint32_t height;
+	uint64_t prefetch_bytes;       /* a frame */
 	uint64_t cache_bytes;          /* of the daemon */
 	const char *daemon_options[9]; /* for one that is started, ended by NULL */
 };

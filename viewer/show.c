@@ -20,6 +20,13 @@ int show_begin_pace(struct show *show, struct why *why)
 	return r;
 }
 
+int show_begin_foresight(struct show *show, struct why *why)
+{
+	if (show->options->prefetch_bytes == 0)
+		return 0;
+	return foresight_create(&show->world, show->options->prefetch_bytes, &show->foresight, why);
+}
+
 void show_set_budget(struct show *show, uint32_t width, uint32_t height, struct frame_style *style)
 {
 	double pixels = (double)width * height;
@@ -44,14 +51,32 @@ static int record(struct show *show, const struct camera *camera, struct why *wh
 	return 0;
 }
 
-int show_add(struct show *show, const struct camera *camera, const struct frame_report *report,
-	     struct why *why)
+/* How the next frames will choose; what shows can only be guessed: twice as much as showed here. */
+static struct world_choice choice_ahead(const struct show_frame *frame)
 {
-	int r = statistics_add(&show->statistics, camera->time_s, report, why);
+	struct world_choice choice = frame->style->choice;
+
+	if (choice.mode != WORLD_MODE_CONSERVATIVE)
+		return choice;
+	choice.mode = WORLD_MODE_APPROXIMATE;
+	choice.order = SELECT_ORDER_AUTO;
+	choice.budget_triangles = 2 * frame->report->triangles + 1;
+	return choice;
+}
+
+int show_add(struct show *show, const struct show_frame *frame, struct why *why)
+{
+	const struct frame_report *report = frame->report;
+	int r = statistics_add(&show->statistics, frame->camera->time_s, report, why);
 
 	if (show->pace.fps > 0.0 && report->budget_triangles > 0)
 		pace_add(&show->pace, report->ms - report->waited_ms, (double)report->triangles);
-	return r < 0 ? r : record(show, camera, why);
+	if (show->foresight) {
+		const struct world_choice choice = choice_ahead(frame);
+
+		foresight_frame(show->foresight, frame->camera, frame->aspect, &choice);
+	}
+	return r < 0 ? r : record(show, frame->camera, why);
 }
 
 void show_first_camera(const struct show *show, double aspect, struct camera *ret)

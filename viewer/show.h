@@ -9,6 +9,7 @@
 
 #include <stdio.h>
 
+#include "viewer/foresight.h"
 #include "viewer/frame.h"
 #include "viewer/pace.h"
 #include "viewer/picture.h"
@@ -26,18 +27,29 @@ struct show {
 	struct statistics statistics;
 	FILE *record; /* NULL: none wanted */
 	struct cost_model costs;
-	struct pace pace; /* fps 0: none is to be kept */
+	struct pace pace;            /* fps 0: none is to be kept */
+	struct foresight *foresight; /* NULL: nothing is asked for ahead */
 };
 
 /** Prepares to keep the pace that the options ask for, if any.  Returns: 0 or -ENOMEM. */
 int show_begin_pace(struct show *show, struct why *why);
 
+/** Begins to look ahead, if the options ask for it.  Returns: 0, -ENOMEM or -errno. */
+int show_begin_foresight(struct show *show, struct why *why);
+
 /** Sets the budget of the next picture, of so many pixels, where a pace is kept. */
 void show_set_budget(struct show *show, uint32_t width, uint32_t height, struct frame_style *style);
 
-/** Counts a frame: statistics, recording and pace.  Returns: 0, -ENOMEM or -errno. */
-int show_add(struct show *show, const struct camera *camera, const struct frame_report *report,
-	     struct why *why);
+/** A frame that was drawn. */
+struct show_frame {
+	const struct camera *camera;
+	double aspect;
+	const struct frame_style *style;
+	const struct frame_report *report;
+};
+
+/** Counts a frame: statistics, recording, pace, and what is ahead.  Returns: 0, -ENOMEM or -errno. */
+int show_add(struct show *show, const struct show_frame *frame, struct why *why);
 
 /** The camera to begin with. */
 void show_first_camera(const struct show *show, double aspect, struct camera *ret);

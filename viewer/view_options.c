@@ -12,13 +12,14 @@
 #include "viewer/camera_path.h"
 #include "viewer/image.h"
 
-#define BUDGET_DEFAULT      1000000u
-#define DEADLINE_MS_DEFAULT 33.0
-#define REPEAT_MAX          1000000u
-#define FPS_MIN             0.1
-#define FPS_MAX             1000.0
-#define MS_MAX              3.6e6
-#define MS_A_S              1000.0
+#define BUDGET_DEFAULT         1000000u
+#define PREFETCH_BYTES_DEFAULT (UINT64_C(2) << 20)
+#define DEADLINE_MS_DEFAULT    33.0
+#define REPEAT_MAX             1000000u
+#define FPS_MIN                0.1
+#define FPS_MAX                1000.0
+#define MS_MAX                 3.6e6
+#define MS_A_S                 1000.0
 
 static const char help[] =
 	"Usage: oocview [OPTION]... STORE.ooc|MODEL...\n"
@@ -32,11 +33,13 @@ static const char help[] =
 	"      --budget N            triangles a frame with --mode approximate (1000000)\n"
 	"      --fps N               approximate, with the budget that N frames a second leave here\n"
 	"      --order NAME          what goes first there: layer, solidity, extinction,\n"
-	"                            transmittance, distance or auto (auto)\n"
+	"                            transmittance, distance, coverage or auto (auto)\n"
 	"      --visibility NAME     how --mode conservative tests: items, queries or software (items)\n"
 	"      --deadline MS         how long a frame waits there, in all, for what shows and is not\n"
 	"                            there; then it is drawn without (33, or one frame of --fps)\n"
 	"      --query-latency MS    as if occlusion queries were answered so late (0)\n"
+	"      --prefetch SIZE       what a frame may ask for ahead of the camera; 0 for nothing\n"
+	"                            (2M in a window, else 0)\n"
 	"      --preset NAME         iwalk-2002 or iwalk-2003: a published configuration, which\n"
 	"                            other options change\n"
 	"      --camera ROW|FILE     t,eye_x,eye_y,eye_z,at_x,at_y,at_z,up_x,up_y,up_z,fov_y,\n"
@@ -82,6 +85,7 @@ enum option_key {
 	OPTION_VISIBILITY,
 	OPTION_DEADLINE,
 	OPTION_QUERY_LATENCY,
+	OPTION_PREFETCH,
 	OPTION_PRESET,
 	OPTION_SPEED,
 	OPTION_CAMERA,
@@ -110,6 +114,7 @@ static const struct option long_options[] = {
 	{ "visibility", required_argument, NULL, OPTION_VISIBILITY },
 	{ "deadline", required_argument, NULL, OPTION_DEADLINE },
 	{ "query-latency", required_argument, NULL, OPTION_QUERY_LATENCY },
+	{ "prefetch", required_argument, NULL, OPTION_PREFETCH },
 	{ "preset", required_argument, NULL, OPTION_PRESET },
 	{ "speed", required_argument, NULL, OPTION_SPEED },
 	{ "camera", required_argument, NULL, OPTION_CAMERA },
@@ -141,6 +146,7 @@ struct given {
 	bool has_mode;
 	bool has_budget;
 	bool has_deadline;
+	bool has_prefetch;
 };
 
 static int to_size(const char *text, struct picture_size *ret)
@@ -237,6 +243,9 @@ static int take_choice(struct options *options, struct given *given, int key, co
 		return to_ms(value, &options->style.deadline_ms);
 	case OPTION_QUERY_LATENCY:
 		return to_ms(value, &options->style.query_latency_ms);
+	case OPTION_PREFETCH:
+		given->has_prefetch = true;
+		return text_to_size(value, &options->prefetch_bytes);
 	case OPTION_PRESET:
 		/* It has been taken before all others (take_preset()). */
 		return options->preset ? 0 : -EINVAL;
@@ -433,6 +442,7 @@ static void take_preset(struct options *options, int argc, char **argv)
 	options->style.choice.mode = WORLD_MODE_APPROXIMATE;
 	options->style.choice.budget_triangles = options->preset->budget_triangles;
 	options->style.choice.order = SELECT_ORDER_LAYER;
+	options->prefetch_bytes = options->preset->prefetch_bytes;
 	options->style.deadline_ms = MS_A_S / options->preset->fps;
 	options->size.width = options->preset->width;
 	options->size.height = options->preset->height;
@@ -475,6 +485,8 @@ enum options_verdict options_read(struct options *ret, int argc, char **argv)
 	options.input_count = (uint32_t)(argc - optind);
 	if (options.fps > 0.0 && !given.has_mode)
 		options.style.choice.mode = WORLD_MODE_APPROXIMATE;
+	if (!options.is_headless && !options.preset && !given.has_prefetch)
+		options.prefetch_bytes = PREFETCH_BYTES_DEFAULT;
 	if (options.fps > 0.0 && !given.has_deadline)
 		options.style.deadline_ms = MS_A_S / options.fps;
 	if (judge(&options, &given) < 0)

@@ -25,6 +25,7 @@ struct options {
 	bool wants_json;
 	const struct preset *preset; /* NULL: none */
 	double fps;                  /* to be kept by the budget; 0: none */
+	uint64_t prefetch_bytes;     /* a frame may ask for so much ahead; 0: nothing */
 	struct picture_size size;
 	bool has_size;
 	struct frame_style style;

@@ -482,7 +482,10 @@ static int draw(struct window *window)
 	window->drawable_count = progress.drawable_count;
 	window_rate_add(&window->rate, window->now_ns,
 			window->report.bytes_fetched + window->report.bytes_prefetched);
-	return show_add(show, &window->camera, &window->report, &window->why);
+	return show_add(show,
+			&(struct show_frame){ &window->camera, aspect_of(window), &window->style,
+					      &window->report },
+			&window->why);
 }
 
 static void add_texts(struct window *window)

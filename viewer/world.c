@@ -156,30 +156,43 @@ static void camera_scaled(const struct camera *camera, double scale, struct came
 	}
 }
 
-int world_point(struct world *world, const struct camera *camera, double aspect, struct why *why)
+int world_views(const struct world *world, const struct camera *camera, double aspect,
+		struct camera_view *ret)
 {
 	struct camera scaled;
 	double near = INFINITY;
 
 	/* One near plane for all, so that their depths compare. */
 	for (uint32_t i = 0; i < world->store_count; i++) {
-		struct world_store *store = &world->stores[i];
+		const struct world_store *store = &world->stores[i];
 
 		camera_scaled(camera, store->scale, &scaled);
 		near = fmin(near, camera_near(&scaled, store->superblock) * store->scale);
 	}
 	for (uint32_t i = 0; i < world->store_count; i++) {
-		struct world_store *store = &world->stores[i];
+		const struct world_store *store = &world->stores[i];
 		int r;
 
 		camera_scaled(camera, store->scale, &scaled);
-		r = camera_view_init(&store->view, &scaled, store->superblock, aspect,
+		r = camera_view_init(&ret[i], &scaled, store->superblock, aspect,
 				     near / store->scale);
 		if (r < 0)
-			return why_set(why, r,
-				       "the camera looks nowhere: eye, at and up must "
-				       "be finite and give a direction");
+			return r;
 	}
+	return 0;
+}
+
+int world_point(struct world *world, const struct camera *camera, double aspect, struct why *why)
+{
+	struct camera_view views[WORLD_STORE_COUNT_MAX];
+	int r = world_views(world, camera, aspect, views);
+
+	if (r < 0)
+		return why_set(why, r,
+			       "the camera looks nowhere: eye, at and up must "
+			       "be finite and give a direction");
+	for (uint32_t i = 0; i < world->store_count; i++)
+		world->stores[i].view = views[i];
 	return 0;
 }
 

@@ -95,6 +95,15 @@ void world_up(const struct world *world, double ret[3]);
 /** The box of all stores in the world.  Returns: false when there is nothing in it. */
 bool world_box(const struct world *world, double ret_min[3], double ret_max[3]);
 
+/**
+ * The views of all stores, store_count of them, with one near plane.
+ *
+ * Returns: 0, or -EINVAL when the camera has no direction.
+ * Threads: any: it reads what never changes.
+ */
+int world_views(const struct world *world, const struct camera *camera, double aspect,
+		struct camera_view *ret);
+
 /** Points the camera: makes each store's view.  Returns: 0, or -EINVAL when it has no direction. */
 int world_point(struct world *world, const struct camera *camera, double aspect, struct why *why);
 

@@ -86,6 +86,33 @@ static void a_film_has_a_picture_a_row_and_a_recording_a_frame(void **state)
 			 view_file(fixture, "again/frame_000005.png"));
 }
 
+/* A path into the grid: what comes into view has been asked for before. */
+static void a_film_asks_for_what_is_ahead(void **state)
+{
+	struct view_fixture *fixture = *state;
+	FILE *file;
+
+	test_store_grid(view_file(fixture, "g.ooc"), 16);
+	file = fopen(view_file(fixture, "p.csv"), "we");
+	assert_non_null(file);
+	(void)fprintf(file, "t,eye_x,eye_y,eye_z,at_x,at_y,at_z,up_x,up_y,up_z,fov_y\n");
+	for (int i = 0; i < 60; i++)
+		(void)fprintf(file, "%g,%g,207.9,307.9,%g,207.9,307.9,0,0,1,20\n", 0.1 * i,
+			      115.0 - 0.5 * i, 120.0 - 0.5 * i);
+	(void)fclose(file);
+	/* How far it gets is for the scheduler to say: it has as many films as it takes. */
+	do {
+		view_start_daemon(fixture, 64 * MIB);
+		view_must(view_run(fixture, "--headless --json --settle --size 160x120 --prefetch "
+					    "1M --path p.csv g.ooc"));
+		assert_true(view_summary_number("nodes_missing") == 0.0);
+	} while (view_summary_number("bytes_prefetched") == 0.0);
+	view_start_daemon(fixture, 64 * MIB);
+	view_must(view_run(fixture, "--headless --json --settle --size 160x120 --path p.csv "
+				    "g.ooc"));
+	assert_true(view_summary_number("bytes_prefetched") == 0.0);
+}
+
 /* Starts a program and does not wait. */
 static pid_t start_view(const struct view_fixture *fixture, const char *arguments)
 {
@@ -176,6 +203,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		VIEW_TEST(a_film_has_a_picture_a_row_and_a_recording_a_frame),
+		VIEW_TEST(a_film_asks_for_what_is_ahead),
 		VIEW_TEST(a_signal_ends_a_film_cleanly),
 		VIEW_TEST(a_film_goes_on_when_the_daemon_is_started_again),
 	};

@@ -213,8 +213,8 @@ static void queries_can_be_made_late(void **state)
 
 static void each_order_is_what_was_asked_for(void **state)
 {
-	const char *const orders[] = { "layer",         "solidity", "extinction",
-				       "transmittance", "distance", "auto" };
+	const char *const orders[] = { "layer",    "solidity", "extinction", "transmittance",
+				       "distance", "coverage", "auto" };
 	struct view_fixture *fixture = *state;
 
 	view_start_daemon(fixture, 64 * MIB);
