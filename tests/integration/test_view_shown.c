@@ -134,13 +134,14 @@ static void a_live_conservative_frame_is_the_full_one(void **state)
 static void a_cache_for_a_few_nodes_is_enough_for_a_settled_picture(void **state)
 {
 	struct view_fixture *fixture = *state;
-	const struct test_grid grid = { .count = 8, .face_quads = 8, .normals = true };
+	const struct test_grid grid = { .count = 6, .face_quads = 8, .normals = true };
 
 	test_store_grid_make(view_file(fixture, "g.ooc"), &grid);
 	view_start_daemon(fixture, 1 * MIB);
 	view_must(view_run(fixture, "--headless --camera %s --screenshot full.png g.ooc",
 			   cameras[1]));
-	for (size_t w = 0; w < ARRAY_LENGTH(ways); w++) {
+	/* OpenGL and not: the ways differ in where nodes go, not in how they come. */
+	for (size_t w = 0; w < ARRAY_LENGTH(ways); w += 2) {
 		view_must(view_run(fixture,
 				   "--headless --camera %s --mode conservative --visibility %s "
 				   "--screenshot shown.png g.ooc",
