@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /**
  * frame_private.h - what the files of frame.h share: frame.c (live frames, and what all have),
- * frame_settled.c, frame_conservative.c.
+ * frame_settled.c, frame_conservative.c with frame_tester.c.
  *
  * Threads: the GL thread.
  */
