@@ -15,6 +15,28 @@
 /** What divides is not less, so that nothing flat or far becomes infinite. */
 #define LEAST 1e-30f
 
+/* fminf() and fmaxf() are calls, for the sake of values that are not numbers; there are none here. */
+static inline float lesser(float a, float b)
+{
+	return a < b ? a : b;
+}
+
+static inline float greater(float a, float b)
+{
+	return a > b ? a : b;
+}
+
+/* The direction from the eye to a place of the picture, in squares; along the view it has length 1. */
+static void direction_of(const struct coverage *coverage, float x, float y, double ret[3])
+{
+	const struct camera_view *view = coverage->view;
+	double right = (x - 0.5 * COVERAGE_WIDTH) / coverage->scale[0];
+	double up = (y - 0.5 * COVERAGE_HEIGHT) / coverage->scale[1];
+
+	for (unsigned k = 0; k < 3; k++)
+		ret[k] = view->forward[k] + right * view->right[k] + up * view->up[k];
+}
+
 void coverage_begin(struct coverage *coverage, const struct camera_view *view)
 {
 	coverage->view = view;
@@ -23,6 +45,14 @@ void coverage_begin(struct coverage *coverage, const struct camera_view *view)
 	for (unsigned y = 0; y < COVERAGE_HEIGHT; y++)
 		for (unsigned x = 0; x < COVERAGE_WIDTH; x++)
 			coverage->through[y][x] = 1.0f;
+	for (unsigned y = 0; y < COVERAGE_HEIGHT / COVERAGE_PART; y++)
+		for (unsigned x = 0; x < COVERAGE_WIDTH / COVERAGE_PART; x++) {
+			double direction[3];
+
+			direction_of(coverage, ((float)x + 0.5f) * COVERAGE_PART,
+				     ((float)y + 0.5f) * COVERAGE_PART, direction);
+			hiding_direction_set(&coverage->along[y][x], direction);
+		}
 }
 
 /* ---- boxes in the picture ---- */
@@ -35,11 +65,13 @@ struct range {
 
 static void range_add(struct range *range, const struct coverage *coverage, const float at[3])
 {
-	for (unsigned axis = 0; axis < 2; axis++) {
-		float place = at[axis] / at[2] * coverage->scale[axis];
+	float reciprocal = 1.0f / at[2];
 
-		range->low[axis] = fminf(range->low[axis], place);
-		range->high[axis] = fmaxf(range->high[axis], place);
+	for (unsigned axis = 0; axis < 2; axis++) {
+		float place = at[axis] * reciprocal * coverage->scale[axis];
+
+		range->low[axis] = lesser(range->low[axis], place);
+		range->high[axis] = greater(range->high[axis], place);
 	}
 }
 
@@ -100,8 +132,8 @@ static bool range_of(const struct coverage *coverage, const struct bounds *bound
 	*ret = (struct range){ { INFINITY, INFINITY }, { -INFINITY, -INFINITY } };
 	corners_set(coverage->view, bounds, corners);
 	for (unsigned corner = 0; corner < 8; corner++) {
-		nearest = fminf(nearest, corners[corner][2]);
-		farthest = fmaxf(farthest, corners[corner][2]);
+		nearest = lesser(nearest, corners[corner][2]);
+		farthest = greater(farthest, corners[corner][2]);
 		if (corners[corner][2] > (float)coverage->view->near)
 			range_add(ret, coverage, corners[corner]);
 		else
@@ -122,7 +154,7 @@ struct footprint {
 
 static float clamped(float value, float most)
 {
-	return fminf(fmaxf(value, 0.0f), most);
+	return lesser(greater(value, 0.0f), most);
 }
 
 static void footprint_set(struct footprint *ret, const struct range *range)
@@ -135,10 +167,10 @@ static void footprint_set(struct footprint *ret, const struct range *range)
 		low[axis] = clamped(range->low[axis] + 0.5f * most[axis], most[axis]);
 		high[axis] = clamped(range->high[axis] + 0.5f * most[axis], most[axis]);
 	}
-	ret->x0 = (unsigned)fminf(low[0], most[0] - 1.0f);
-	ret->y0 = (unsigned)fminf(low[1], most[1] - 1.0f);
-	ret->x1 = (unsigned)fminf(high[0], most[0] - 1.0f);
-	ret->y1 = (unsigned)fminf(high[1], most[1] - 1.0f);
+	ret->x0 = (unsigned)lesser(low[0], most[0] - 1.0f);
+	ret->y0 = (unsigned)lesser(low[1], most[1] - 1.0f);
+	ret->x1 = (unsigned)lesser(high[0], most[0] - 1.0f);
+	ret->y1 = (unsigned)lesser(high[1], most[1] - 1.0f);
 	ret->square_count = (float)((ret->x1 + 1 - ret->x0) * (ret->y1 + 1 - ret->y0));
 	ret->area = (high[0] - low[0]) * (high[1] - low[1]);
 	ret->whole_area =
@@ -161,21 +193,23 @@ static float way_inside(const struct coverage *coverage, const struct bounds *bo
 			float y)
 {
 	const struct camera_view *view = coverage->view;
-	double right = (x - 0.5 * COVERAGE_WIDTH) / coverage->scale[0];
-	double up = (y - 0.5 * COVERAGE_HEIGHT) / coverage->scale[1];
+	double direction[3];
+	double length2 = 0.0;
 	double begin = 0.0;
 	double end = INFINITY;
 
+	direction_of(coverage, x, y, direction);
 	for (unsigned k = 0; k < 3; k++) {
-		double along = view->forward[k] + right * view->right[k] + up * view->up[k];
 		double middle = bounds->centre[k] - view->eye[k];
-		double t0 = (middle - bounds->half[k]) / along;
-		double t1 = (middle + bounds->half[k]) / along;
+		double t0 = (middle - bounds->half[k]) / direction[k];
+		double t1 = (middle + bounds->half[k]) / direction[k];
+
+		length2 += direction[k] * direction[k];
 
 		begin = fmax(begin, fmin(t0, t1));
 		end = fmin(end, fmax(t0, t1));
 	}
-	return end > begin ? (float)((end - begin) * sqrt(1.0 + right * right + up * up)) : 0.0f;
+	return end > begin ? (float)((end - begin) * sqrt(length2)) : 0.0f;
 }
 
 /*
@@ -202,50 +236,48 @@ static float share_of_close(const struct coverage *coverage, const struct bounds
 
 /* The same of a box before the eye, of the light in its rectangle; its section fills a part of that. */
 static float share_of_distant(const struct coverage *coverage, const struct bounds *bounds,
-			      const double from_eye[3], const struct footprint *footprint,
-			      float area)
+			      const struct footprint *footprint, float area)
 {
 	double distance2 = 0.0;
 	double section = 0.0;
 	float squares;
 
 	for (unsigned k = 0; k < 3; k++) {
-		distance2 += from_eye[k] * from_eye[k];
-		section +=
-			fabs(from_eye[k]) * bounds->half[(k + 1) % 3] * bounds->half[(k + 2) % 3];
+		double from_eye = bounds->centre[k] - coverage->view->eye[k];
+
+		distance2 += from_eye * from_eye;
+		section += fabs(from_eye) * bounds->half[(k + 1) % 3] * bounds->half[(k + 2) % 3];
 	}
 	section = 4.0 * section / sqrt(distance2) + (double)LEAST;
 	squares = (float)(section / distance2) * coverage->scale[0] * coverage->scale[1];
 	return caught(CATCHES * area / (float)section) *
-	       fminf(1.0f, squares / footprint->whole_area);
+	       lesser(1.0f, squares / footprint->whole_area);
 }
 
 float coverage_add(struct coverage *coverage, const struct hiding *hiding,
 		   const struct bounds *bounds, uint32_t leaf)
 {
 	double edge = ldexp(hiding->places->superblock->root_size, -hiding->nodes[leaf].level);
-	struct hiding_direction direction;
 	struct footprint footprint;
-	double from_eye[3];
 	struct range range;
+	bool is_close = range_of(coverage, bounds, &range);
 	float sum = 0.0f;
 	float share;
 	float stays;
 	float area;
 
-	for (unsigned k = 0; k < 3; k++)
-		from_eye[k] = bounds->centre[k] - coverage->view->eye[k];
-	hiding_direction_set(&direction, from_eye);
-	area = hiding_depth(hiding, leaf, &direction) * (float)(edge * edge);
-	if (range_of(coverage, bounds, &range)) {
-		footprint_set(&footprint, &range);
+	footprint_set(&footprint, &range);
+	area = (float)(edge * edge) *
+	       hiding_depth(hiding, leaf,
+			    &coverage->along[(footprint.y0 + footprint.y1) / (2 * COVERAGE_PART)]
+					    [(footprint.x0 + footprint.x1) / (2 * COVERAGE_PART)]);
+	if (is_close) {
 		footprint.area = footprint.square_count;
 		share = share_of_close(coverage, bounds, &footprint, area);
 	} else {
-		footprint_set(&footprint, &range);
-		share = share_of_distant(coverage, bounds, from_eye, &footprint, area);
+		share = share_of_distant(coverage, bounds, &footprint, area);
 	}
-	stays = 1.0f - share * fminf(1.0f, footprint.area / footprint.square_count);
+	stays = 1.0f - share * lesser(1.0f, footprint.area / footprint.square_count);
 	for (unsigned y = footprint.y0; y <= footprint.y1; y++)
 		for (unsigned x = footprint.x0; x <= footprint.x1; x++) {
 			sum += coverage->through[y][x];

@@ -18,11 +18,15 @@
 /** Squares of the picture.  A node that is smaller than a square dims it by its part of it. */
 #define COVERAGE_WIDTH  64
 #define COVERAGE_HEIGHT 48
+/** Squares along a side of a part of the picture in which all is seen along the same direction. */
+#define COVERAGE_PART 8
 
 struct coverage {
 	const struct camera_view *view;
 	float scale[2]; /* squares a unit of tangent */
 	float through[COVERAGE_HEIGHT][COVERAGE_WIDTH];
+	struct hiding_direction along[COVERAGE_HEIGHT / COVERAGE_PART]
+				     [COVERAGE_WIDTH / COVERAGE_PART];
 };
 
 /** Begins with an empty picture.  The view outlives it. */
