@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: MIT */
 /* What works worse than it could, each with what to do about it. */
+#include <errno.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "daemon/limits.h"
+#include "daemon/recorder.h"
 #include "daemon/server_private.h"
 #include "formats/base/bytes.h"
 
@@ -64,6 +66,18 @@ static void tell_memory(const struct teller *teller)
 		     "clients cannot be accepted (%s): raise LimitNOFILE or `ulimit -n`, or give "
 		     "oocd more memory",
 		     strerror(-server->accept_error));
+}
+
+static void tell_records(const struct teller *teller)
+{
+	const struct server *server = teller->server;
+	int trace_error = recorder_error(server->cache.recorder);
+
+	if (trace_error < 0)
+		TELL(teller,
+		     "the trace has ended (%s): make room, or write it to a faster disk, and "
+		     "restart oocd to begin another",
+		     trace_error == -EAGAIN ? "its disk cannot keep up" : strerror(-trace_error));
 	if (server->metrics.error < 0)
 		TELL(teller,
 		     "the file of metrics cannot be written (%s): see that oocd may write to the "
@@ -126,6 +140,7 @@ void server_degraded(const struct server *server,
 
 	tell_reading(&teller);
 	tell_memory(&teller);
+	tell_records(&teller);
 	tell_restart(&teller);
 	LIST_FOR_EACH (link, &server->cache.stores) {
 		const struct served *served = LIST_ENTRY(link, struct served, link);

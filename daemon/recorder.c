@@ -21,6 +21,7 @@ struct recorder {
 	uint64_t ticks;
 	uint32_t store_count; /* that were ever opened */
 	uint32_t entry_count; /* that were introduced */
+	int error;            /* that has ended it before its time, or 0 */
 };
 
 /* A store in the trace. */
@@ -80,6 +81,7 @@ struct recorder *recorder_destroy(struct recorder *recorder)
 
 static void end(struct recorder *recorder, int error)
 {
+	recorder->error = error;
 	log_warning("the trace %s ends here: %s; oocd serves on", recorder->path,
 		    error == -EAGAIN ? "its disk cannot keep up" : strerror(-error));
 	recorder->writer = trace_writer_destroy(recorder->writer);
@@ -104,6 +106,11 @@ void recorder_tick(struct recorder *recorder)
 static void note_time(struct recorder *recorder)
 {
 	recorder->ticks = (clock_now_ns() - recorder->start_ns) / (NS_PER_S / TRACE_TICKS_PER_S);
+}
+
+int recorder_error(const struct recorder *recorder)
+{
+	return recorder ? recorder->error : 0;
 }
 
 void recorder_open(struct recorder *recorder, struct served *served)

@@ -34,6 +34,9 @@ struct recorder *recorder_destroy(struct recorder *recorder);
 /** Once a while: lets what was gathered be written, and ends a trace that cannot be. */
 void recorder_tick(struct recorder *recorder);
 
+/** What has ended the trace before its time, or 0.  NULL is allowed. */
+int recorder_error(const struct recorder *recorder);
+
 /** A store is served, or no longer.  recorder: NULL: none is written. */
 void recorder_open(struct recorder *recorder, struct served *served);
 void recorder_close(struct served *served);

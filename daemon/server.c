@@ -169,6 +169,8 @@ static enum session_end end_of(const struct session *session)
 		return SESSION_END_SILENT;
 	case EAGAIN:
 		return SESSION_END_UNREAD;
+	case ECANCELED:
+		return SESSION_END_LEASE;
 	case EPROTO:
 	case EMSGSIZE:
 	case E2BIG:

@@ -25,6 +25,7 @@ enum session_end {
 	SESSION_END_PROTOCOL, /* broke it */
 	SESSION_END_SILENT,   /* did not say HELLO */
 	SESSION_END_UNREAD,   /* did not read what it was sent */
+	SESSION_END_LEASE,    /* gave nothing back that others needed, for a whole lease */
 	SESSION_END_OTHER,
 	SESSION_END_COUNT_
 };

@@ -506,7 +506,7 @@ static void lease_tick(struct session *session, uint64_t now_ns)
 		if (now_ns - session->heard_ns > session->lease_ns / 2)
 			recall(session, now_ns);
 	} else if (now_ns - session->recalled_ns > session->lease_ns) {
-		connection_break(session->connection, -ETIMEDOUT,
+		connection_break(session->connection, -ECANCELED,
 				 "it does not let go of what others need");
 	}
 }

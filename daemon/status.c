@@ -24,7 +24,7 @@ const char *const status_reason_names[WIRE_REASON_COUNT_] = {
 const char *const status_end_names[SESSION_END_COUNT_] = {
 	[SESSION_END_HUNG_UP] = "hung_up", [SESSION_END_PROTOCOL] = "protocol",
 	[SESSION_END_SILENT] = "silent",   [SESSION_END_UNREAD] = "unread",
-	[SESSION_END_OTHER] = "other",
+	[SESSION_END_LEASE] = "lease",     [SESSION_END_OTHER] = "other",
 };
 
 /** Who looks, and where what he is shown goes. */

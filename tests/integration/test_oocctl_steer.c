@@ -289,6 +289,24 @@ static void nodes_have_places_in_the_order_of_replacement(void **state)
 	json_decref(answer);
 }
 
+static void what_is_degraded_is_named_with_what_to_do(void **state)
+{
+	struct scene *scene = *state;
+	struct server_config config = kit_config();
+
+	kit_disconnect(scene->client);
+	(void)kit_daemon_stop(&scene->daemon, SIGTERM);
+	config.metrics_path = test_path(scene->folder, "none/metrics.prom");
+	scene_begin(scene, &config);
+	/* It is noticed when a worker has tried. */
+	do
+		assert_int_equal(run(scene, "status"), 0);
+	while (!strstr(output, "degraded: the file of metrics cannot be written (No such file"));
+	assert_non_null(strstr(output, "see that oocd may write to the folder of metrics-file"));
+	assert_int_equal(run(scene, "metrics"), 0);
+	assert_true(openmetrics_value(output, "oocd_degraded") >= 1);
+}
+
 /* ---- mistakes ---- */
 
 static void wrong_command_lines_are_told_as_such(void **state)
@@ -471,6 +489,7 @@ int main(void)
 		SCENE_TEST(top_clients_and_dump_show_what_is_going_on),
 		SCENE_TEST(metrics_are_openmetrics_text),
 		SCENE_TEST(nodes_have_places_in_the_order_of_replacement),
+		SCENE_TEST(what_is_degraded_is_named_with_what_to_do),
 		SCENE_TEST(wrong_command_lines_are_told_as_such),
 		SCENE_TEST(orders_are_refused_to_other_users),
 		SCENE_TEST(other_users_see_sums_of_what_is_not_theirs),

@@ -615,6 +615,59 @@ static void status_is_put_together_from_its_pieces(void **state)
 	}
 }
 
+static void *answer_orders(void *arg)
+{
+	struct fake_daemon *fake = arg;
+	_Alignas(8) uint8_t bytes[sizeof(struct wire_nodes) + sizeof(struct wire_node)] = { 0 };
+	struct wire_nodes *nodes = (struct wire_nodes *)(void *)bytes;
+	struct wire_error error = { .error = -EACCES, .type = WIRE_ADMIN, .text = "not you" };
+	const struct wire_admin *admin = fake_expect(fake, WIRE_ADMIN);
+
+	assert_int_equal(admin->what, WIRE_ADMIN_EVICT);
+	assert_int_equal(admin->store, WIRE_STORE_ALL);
+	fake_send(fake, &error, WIRE_ERROR, sizeof(error), NULL, 0);
+	(void)fake_expect(fake, WIRE_STATUS);
+	nodes->first = 7;
+	nodes->entry_count = 1;
+	nodes->entries[0] = (struct wire_node){
+		.order = 99,
+		.age_ds = 15,
+		.payer = 4,
+		.cached = WIRE_CACHED_FREE,
+		.flags = WIRE_NODE_UNUSED_PREFETCH,
+	};
+	fake_send(fake, nodes, WIRE_NODES, sizeof(bytes), NULL, 0);
+	return NULL;
+}
+
+static void orders_are_judged_here_and_by_the_daemon(void **state)
+{
+	static struct ooc_node_info infos[OOC_INSPECT_COUNT_MAX];
+	struct scene *scene = *state;
+	const uint32_t none = UINT32_MAX;
+	char *text = NULL;
+	pthread_t thread;
+
+	/* What cannot be is not sent. */
+	assert_int_equal(ooc_steer(scene->client, OOC_PIN, NULL, NULL, 0, &text), -EINVAL);
+	assert_int_equal(ooc_steer(scene->client, OOC_EVICT, NULL, &none, 1, &text), -EINVAL);
+	assert_int_equal(ooc_steer(scene->client, OOC_RELOAD, scene->store, NULL, 0, &text),
+			 -EINVAL);
+	assert_int_equal(ooc_steer(scene->client, OOC_PIN, scene->store, &none, 1, &text), -EINVAL);
+	assert_int_equal(ooc_steer(scene->client, OOC_PIN, scene->store, &none,
+				   OOC_ORDER_NODE_COUNT_MAX + 1, &text),
+			 -E2BIG);
+	assert_int_equal(pthread_create(&thread, NULL, answer_orders, scene->fake), 0);
+	assert_int_equal(ooc_steer(scene->client, OOC_EVICT, NULL, NULL, 0, &text), -EACCES);
+	assert_string_equal(ooc_error_text(scene->client), "not you");
+	assert_null(text);
+	assert_int_equal(ooc_inspect(scene->store, 7, infos), 1);
+	assert_int_equal(pthread_join(thread, NULL), 0);
+	assert_int_equal(infos[0].state, OOC_STATE_READY);
+	assert_true(infos[0].replaced == 99 && infos[0].payer == 4 && infos[0].holds == 0);
+	assert_true(infos[0].age_s == 1.5 && infos[0].unused_prefetch && !infos[0].pinned);
+}
+
 /* ---- stores ---- */
 
 static void a_closed_store_leaves_the_set(void **state)
@@ -711,6 +764,7 @@ int main(void)
 		SCENE_TEST(a_caller_that_sleeps_does_not_wait_for_answers),
 		SCENE_TEST(notify_makes_the_descriptor_tell),
 		SCENE_TEST(status_is_put_together_from_its_pieces),
+		SCENE_TEST(orders_are_judged_here_and_by_the_daemon),
 		SCENE_TEST(a_closed_store_leaves_the_set),
 		SCENE_TEST(a_file_that_is_no_store_is_refused_before_anything_is_sent),
 		SCENE_TEST(the_daemons_reason_for_not_opening_is_passed_on),
