@@ -435,14 +435,13 @@ void cache_remove_store(struct cache *cache, struct served *served)
 	cache->store_count--;
 }
 
-/* Is it the pieces, not the bytes, that there are too few of?  Counted, to be seen in the status. */
-static void count_fragmented(const struct cache *cache, struct served *served, uint32_t pages)
+/* Is it the pieces, not the bytes, that there are too few of, and is what is free worth the trouble? */
+static bool is_fragmented(const struct cache *cache, uint32_t pages)
 {
 	uint64_t unpinned_bytes = cache->budget_bytes - cache->pinned_bytes;
 
-	if (unpinned_bytes >= cache->budget_bytes / FRAGMENTED_SHARE &&
-	    unpinned_bytes >= (uint64_t)pages * WIRE_PAGE_BYTES)
-		served->counters.fragmented++;
+	return unpinned_bytes >= cache->budget_bytes / FRAGMENTED_SHARE &&
+	       unpinned_bytes >= (uint64_t)pages * WIRE_PAGE_BYTES;
 }
 
 /* Was a window as long not to be found, and has nothing been let go since? */
@@ -458,12 +457,13 @@ static int wait_for_room(struct cache *cache, struct served *served, uint32_t pa
 	served->full_pages = pages;
 	served->full_at_bytes = cache->released_bytes;
 	if (!cache->room_is_coming) {
-		compact_one(cache, served, pages);
+		if (is_fragmented(cache, pages))
+			compact_one(cache, served, pages);
 		drain_one(cache, served);
 	}
 	if (cache->room_is_coming)
 		return -EAGAIN;
-	count_fragmented(cache, served, pages);
+	served->counters.fragmented += is_fragmented(cache, pages);
 	return -ENOBUFS;
 }
 

@@ -189,7 +189,7 @@ void division_settle(struct room *room)
 	bool was_divided = room->divided;
 
 	room->resident_pages = resident_pages(room->cache);
-	if (!room->changed && !drained && room->pages == room_pages(room))
+	if (!room_is_unsettled(room))
 		return;
 	room->changed = false;
 	room->pages = room_pages(room);

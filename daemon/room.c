@@ -35,7 +35,9 @@ void room_note_leaving(struct room *room, bool revoked)
 	CHECK(revoked || room->leaving_count > 0);
 	room->leaving_count += revoked ? 1 : -1u;
 	room->leaving_clock++;
-	room->cache->room_is_coming = room->leaving_count > 0;
+	/* Holders in a segment that is about to be drained have yet to be told. */
+	room->cache->room_is_coming =
+		room->leaving_count > 0 || room->drain_count != room->cache->drain_count;
 }
 
 void room_tick(struct room *room, uint64_t now_ns)

@@ -58,6 +58,13 @@ static inline bool room_is_tight(const struct room *room)
 	return room->wanted_pages > room_pages(room);
 }
 
+/** Has division_settle() something to do? */
+static inline bool room_is_unsettled(const struct room *room)
+{
+	return room->changed || room->drain_count != room->cache->drain_count ||
+	       room->pages != room_pages(room);
+}
+
 /** A set has changed. */
 void room_note_change(struct room *room);
 

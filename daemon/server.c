@@ -66,6 +66,9 @@ static int on_round(sd_event_source *source, void *arg)
 		takeover_pump(server->takeover);
 		residents_retry(&server->residents);
 		queues_pump(&server->queues);
+		/* A segment is to be drained: its holders are told in the next round. */
+		if (room_is_unsettled(&server->room))
+			server_active(server);
 	}
 	fetch_flush(server->fetch);
 	used_bytes = cache_used_bytes(&server->cache);
