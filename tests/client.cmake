@@ -9,6 +9,7 @@ oocd_test(test_client_daemon integration
 add_dependencies(test_client_daemon oocd)
 oocd_test(test_look_ahead integration
 	SOURCES integration/test_look_ahead.c LINK oocd_look_ahead oocd_daemon_kit Threads::Threads)
+oocd_test(test_charted unit SOURCES unit/test_charted.c LINK oocd_charted oocd_test_helper)
 oocd_test(test_wire unit
 	SOURCES unit/test_wire.c unit/wire_samples.c LINK oocd_wire oocd_test_helper m)
 oocd_test(test_protocol_text unit SOURCES unit/test_protocol_text.c LINK oocd_wire oocd_test_helper)

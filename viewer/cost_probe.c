@@ -10,10 +10,10 @@
 #include <epoxy/gl.h>
 
 #include "formats/base/bytes.h"
+#include "formats/base/cache_folder.h"
 #include "formats/base/clock.h"
 #include "formats/base/log.h"
 #include "formats/store/payload.h"
-#include "viewer/cache_folder.h"
 #include "viewer/target.h"
 
 /* Four pixels a triangle, as where a model is looked at from inside. */

@@ -19,10 +19,10 @@
 
 #include <xxhash.h>
 
+#include "formats/base/cache_folder.h"
 #include "formats/base/file.h"
 #include "formats/base/log.h"
 #include "formats/store/layout.h"
-#include "viewer/cache_folder.h"
 #include "viewer/stop.h"
 
 /* Rows of scene lists are shorter. */

@@ -18,7 +18,8 @@ static int run(const char *folder, const char *command)
 	char line[4096];
 	int status;
 
-	(void)snprintf(line, sizeof(line), "cd %s && $OOCD_BIN/%s >output 2>errors", folder,
+	(void)snprintf(line, sizeof(line),
+		       "cd %s && XDG_CACHE_HOME=$PWD/cache $OOCD_BIN/%s >output 2>errors", folder,
 		       command);
 	status = system(line);
 	return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
@@ -96,6 +97,9 @@ static void a_chart_says_what_every_setting_costs_and_how_wrong_it_is(void **sta
 	report = text_of(test_path(folder, "output"));
 	assert_non_null(strstr(report, "\"knee\""));
 	free(report);
+	/* For `oocview --error`. */
+	assert_int_equal(strncmp(test_folder_list(test_path(folder, "cache/oocd")), "chart-", 6),
+			 0);
 }
 
 static void what_cannot_be_charted_is_said(void **state)

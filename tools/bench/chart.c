@@ -428,6 +428,17 @@ void chart_add(struct chart *chart, const char *method, const char *name, double
 	}
 }
 
+const char *chart_options_text(const struct chart_setting *setting, char *buffer, size_t bytes)
+{
+	size_t used = 0;
+
+	buffer[0] = '\0';
+	for (unsigned i = 0; i < setting->text_count && used < bytes; i++)
+		used += (size_t)snprintf(buffer + used, bytes - used, "%s%s", i > 0 ? " " : "",
+					 setting->texts[i]);
+	return buffer;
+}
+
 static void summarise(const struct chart *chart, struct chart_setting *setting)
 {
 	double count = (double)chart->scene->camera_count;

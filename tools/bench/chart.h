@@ -97,6 +97,9 @@ void chart_done(struct chart *chart);
 void chart_add(struct chart *chart, const char *method, const char *name, double scale,
 	       const char *const *options);
 
+/** Its options of oocview, apart by blanks.  Returns: buffer. */
+const char *chart_options_text(const struct chart_setting *setting, char *buffer, size_t bytes);
+
 /** Measures all settings.  Returns: 0, -ECANCELED, or what the viewer said. */
 int chart_measure(struct chart *chart, struct why *why);
 

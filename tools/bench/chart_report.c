@@ -62,17 +62,6 @@ size_t chart_knee(const struct chart *chart, double error_max)
 
 /* ---- tables ---- */
 
-static const char *options_of(const struct chart_setting *setting, char *buffer, size_t bytes)
-{
-	size_t used = 0;
-
-	buffer[0] = '\0';
-	for (unsigned i = 0; i < setting->text_count && used < bytes; i++)
-		used += (size_t)snprintf(buffer + used, bytes - used, "%s%s", i > 0 ? " " : "",
-					 setting->texts[i]);
-	return buffer;
-}
-
 static int csv_write(const struct chart *chart, const struct pareto_point *points,
 		     const char *folder, const char *name, struct why *why)
 {
@@ -95,7 +84,7 @@ static int csv_write(const struct chart *chart, const struct pareto_point *point
 
 		fprintf(file,
 			"%s,%s,%g,%.4f,%.4f,%.4f,%.4f,%.0f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.4f,%d\n",
-			at->name, options_of(at, options, sizeof(options)), at->scale,
+			at->name, chart_options_text(at, options, sizeof(options)), at->scale,
 			at->ms.median, at->ms.low, at->ms.high, at->of_control.median,
 			at->triangles, at->wrong_of_covered_mean, at->wrong_of_covered_worst,
 			at->wrong_of_all_mean, at->wrong_of_all_worst, at->colour_mean,
@@ -320,7 +309,7 @@ static void knee_write(const struct chart *chart, size_t knee, double error_max,
 		"the cheapest (%.1f ms; oocview %s). It leaves out %.0f %% of the triangles of "
 		"the full mode; %.3f %% of covered pixels are wrong, %.3f %% in the worst view.",
 		100.0 * error_max, setting->name, setting->ms.median,
-		options_of(setting, options, sizeof(options)),
+		chart_options_text(setting, options, sizeof(options)),
 		100.0 * (1.0 - setting->triangles / fmax(chart->full_triangles, 1.0)),
 		100.0 * setting->wrong_of_covered_mean, 100.0 * setting->wrong_of_covered_worst);
 }

@@ -3,6 +3,7 @@
  * oocbench chart: accuracy against speed, for every dial there is, on a store's own views.
  */
 #include <errno.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,6 +11,8 @@
 
 #include "formats/base/bytes.h"
 #include "formats/base/log.h"
+#include "formats/store/store_file.h"
+#include "libclient/charted.h"
 #include "libclient/select/select.h"
 #include "tools/bench/arguments.h"
 #include "tools/bench/bench.h"
@@ -271,6 +274,45 @@ static int page_write(struct chart_verb *verb, struct why *why)
 	return page_finish(page, why);
 }
 
+/* What a setting is called that is the same in all scenes, but for the budget's number. */
+static void charted_combine(const struct chart_verb *verb, size_t index, struct charted *ret)
+{
+	double triangles = -1.0;
+
+	*ret = (struct charted){ .error = 0.0 };
+	for (size_t i = 0; i < verb->scene_count; i++) {
+		const struct chart *chart = &verb->scenes[i].chart;
+		const struct chart_setting *setting = &chart->settings[index];
+
+		ret->error = fmax(ret->error, setting->wrong_of_covered_mean);
+		ret->ms = fmax(ret->ms, setting->ms.median);
+		/* Of the scene that needs most, so that it is enough in all. */
+		if (chart->full_triangles > triangles)
+			(void)chart_options_text(setting, ret->options, sizeof(ret->options));
+		triangles = fmax(triangles, chart->full_triangles);
+	}
+}
+
+/* For `oocview --error`: settings of pictures of the full size. */
+static int knees_keep(const struct chart_verb *verb, struct why *why)
+{
+	struct charted charted[CHARTED_COUNT_MAX];
+	const struct chart *chart = &verb->scenes[0].chart;
+	struct store_file *store;
+	size_t count = 0;
+	int r;
+
+	for (size_t i = 0; i < chart->setting_count && count < CHARTED_COUNT_MAX; i++)
+		if (chart->settings[i].scale == 1.0)
+			charted_combine(verb, i, &charted[count++]);
+	r = store_open_path(verb->options->store, &store, why);
+	if (r < 0)
+		return r;
+	r = charted_write(store_superblock(store)->uuid, charted, count, why);
+	store_close(store);
+	return r;
+}
+
 static void summary_print(const struct chart_verb *verb)
 {
 	struct report report;
@@ -322,6 +364,8 @@ static int chart_run(struct chart_verb *verb, struct why *why)
 	}
 	if (r == 0)
 		r = page_write(verb, why);
+	if (r == 0 && knees_keep(verb, why) < 0)
+		log_warning("chart: not kept for oocview --error: %s", why->text);
 	if (r == 0)
 		summary_print(verb);
 	return r;

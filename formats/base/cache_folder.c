@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "viewer/cache_folder.h"
+#include "formats/base/cache_folder.h"
 
 #include <errno.h>
 #include <limits.h>

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT */
 /**
- * cache_folder.h - where the viewer keeps what it can make again.
+ * cache_folder.h - where programs keep for their user what they can make again.
  *
  * Threads: any.
  */
-#ifndef VIEWER_CACHE_FOLDER_H
-#define VIEWER_CACHE_FOLDER_H
+#ifndef FORMATS_BASE_CACHE_FOLDER_H
+#define FORMATS_BASE_CACHE_FOLDER_H
 
 #include <limits.h>
 
@@ -18,4 +18,4 @@
  */
 int cache_folder_make(char path[PATH_MAX], struct why *why);
 
-#endif /* VIEWER_CACHE_FOLDER_H */
+#endif /* FORMATS_BASE_CACHE_FOLDER_H */
