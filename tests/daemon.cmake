@@ -48,6 +48,8 @@ target_link_options(test_interleavings PRIVATE
 	-Wl,--wrap=memfile_create,--wrap=memfile_publish,--wrap=memfile_done
 	-Wl,--wrap=cache_release,--wrap=arena_give)
 
+oocd_test(test_hostile integration SOURCES integration/test_hostile.c LINK oocd_daemon_kit)
+oocd_test(test_ring unit SOURCES unit/test_ring.c LINK oocd_core oocd_test_helper PkgConfig::URING)
 oocd_test(test_crowd stress SOURCES stress/test_crowd.c LINK oocd_test_helper
 	NEEDS oocbench oocd)
 
