@@ -12,3 +12,13 @@ if(CMAKE_C_COMPILER_ID STREQUAL "GNU" AND NOT OOCD_SANITIZE)
 	set_tests_properties(systemd.units PROPERTIES
 		LABELS systemd TIMEOUT 120 SKIP_RETURN_CODE 77 RESOURCE_LOCK systemd)
 endif()
+
+add_executable(without integration/without.c)
+target_link_libraries(without PRIVATE oocd_flags)
+set_target_properties(without PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
+if(NOT OOCD_SANITIZE)
+	add_test(NAME integration.degraded
+		COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/integration/degraded.sh ${CMAKE_BINARY_DIR}/tests)
+	set_tests_properties(integration.degraded PROPERTIES LABELS integration TIMEOUT 120
+		ENVIRONMENT "OOCD_BIN=${CMAKE_BINARY_DIR}/bin;OOCD_SOURCE=${CMAKE_SOURCE_DIR}")
+endif()

@@ -26,6 +26,8 @@
 #define MESSAGE_BYTES   1024
 #define OPTIONS_MAX     16
 #define TIMEOUT_SECONDS 20
+/* Every look at the clock is one at the watchdog. */
+#define WATCHDOG_USEC "200000"
 /* Where descriptors are handed over. */
 #define FIRST_FD 3
 
@@ -199,6 +201,7 @@ static _Noreturn void exec_daemon(struct manager *manager, const char *const *op
 	(void)setenv("LISTEN_PID", number, 1);
 	(void)setenv("LISTEN_FDNAMES", names, 1);
 	(void)setenv("NOTIFY_SOCKET", manager->notify_path, 1);
+	(void)setenv("WATCHDOG_USEC", WATCHDOG_USEC, 1);
 	(void)snprintf(path, sizeof(path), "%s/oocd", getenv("OOCD_BIN"));
 	for (uint32_t i = 0; options[i] && i < OPTIONS_MAX; i++)
 		argv[i + 1] = options[i];

@@ -11,13 +11,16 @@
 
 #include <cmocka.h>
 
+#include <dirent.h>
 #include <fcntl.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/ptrace.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "formats/base/bytes.h"
@@ -29,6 +32,8 @@
 #define GRID_COUNT 16u /* 512 leaves */
 #define LEAVES_MAX 512u
 #define CRASHES    8u
+
+#define MANY_CLIENTS 64u
 
 static const char *const usual[] = { "--cache-size", "64M", NULL };
 
@@ -474,6 +479,107 @@ static void killed_at_any_moment_it_comes_back_whole(void **state)
 	assert_true(drawable_count > 0);
 }
 
+/* ---- the manager's other side ---- */
+
+/* Every thread but the loop's is stopped.  Returns: how many. */
+static uint32_t stop_workers(pid_t pid, pid_t *ret_threads, uint32_t max)
+{
+	char path[64];
+	const struct dirent *entry;
+	uint32_t count = 0;
+	DIR *folder;
+
+	(void)snprintf(path, sizeof(path), "/proc/%d/task", (int)pid);
+	folder = opendir(path);
+	assert_non_null(folder);
+	while ((entry = readdir(folder)) != NULL && count < max) {
+		pid_t thread = (pid_t)atoi(entry->d_name);
+		int status;
+
+		/* The kernel's own threads of a ring cannot be stopped. */
+		if (thread <= 0 || thread == pid || ptrace(PTRACE_SEIZE, thread, NULL, NULL) < 0)
+			continue;
+		assert_int_equal(ptrace(PTRACE_INTERRUPT, thread, NULL, NULL), 0);
+		assert_int_equal(waitpid(thread, &status, __WALL), thread);
+		ret_threads[count++] = thread;
+	}
+	(void)closedir(folder);
+	return count;
+}
+
+static void a_worker_that_hangs_is_no_ping_until_it_goes_on(void **state)
+{
+	static struct wire_entry entries[LEAVES_MAX];
+	struct scene *scene = *state;
+	struct kit_client *client;
+	const struct kit_store *store;
+	pid_t threads[64];
+	uint32_t thread_count;
+	uint32_t ping_count;
+	uint64_t until_ns;
+	uint32_t count;
+	int fd;
+
+	manager_start(scene->manager, usual);
+	manager_await(scene->manager, "WATCHDOG=1", 2);
+	client = kit_hello(&scene->daemon);
+	store = kit_open(client, 0, scene->coded);
+	/* Segments are made by workers, too: they shall hang with a payload. */
+	(void)want_all(client, store, 0, WIRE_SET_RETIRE);
+	kit_set(client, NULL, 0, WIRE_SET_RETIRE);
+	kit_settle(client);
+	kit_disconnect(client);
+	thread_count = stop_workers(manager_pid(scene->manager), threads, 64);
+	assert_true(thread_count > 0);
+
+	client = kit_hello(&scene->daemon);
+	fd = open(scene->plain, O_RDONLY | O_CLOEXEC);
+	kit_send_open(client, 0, fd);
+	(void)close(fd);
+	ping_count = manager_said(scene->manager, "WATCHDOG=1");
+	/* The loop turns and answers for many times as long as a ping is due: time is the event here. */
+	until_ns = kit_status_number(client, "now_ns") + 2000000000;
+	while (kit_status_number(client, "now_ns") < until_ns)
+		(void)usleep(20000);
+	assert_true(manager_said(scene->manager, "WATCHDOG=1") <= ping_count + 2);
+
+	for (uint32_t i = 0; i < thread_count; i++)
+		(void)ptrace(PTRACE_DETACH, threads[i], NULL, NULL);
+	ping_count = manager_said(scene->manager, "WATCHDOG=1");
+	manager_await(scene->manager, "WATCHDOG=1", ping_count + 2);
+	kit_receive(client, WIRE_OPENED);
+	count = kit_entries(&client->stores[0], 0, 0, LEAVES_MAX, entries);
+	kit_set(client, entries, count, WIRE_SET_RETIRE);
+	kit_settle(client);
+	assert_int_equal(kit_count_drawable(&client->stores[0]), count);
+	kit_disconnect(client);
+}
+
+static void it_ends_in_order_with_many_clients_that_wait(void **state)
+{
+	static struct wire_entry entries[LEAVES_MAX];
+	struct scene *scene = *state;
+	struct kit_client *clients[MANY_CLIENTS];
+
+	manager_start(scene->manager, usual);
+	for (uint32_t i = 0; i < MANY_CLIENTS; i++) {
+		const struct kit_store *store;
+		uint32_t count;
+
+		clients[i] = kit_hello(&scene->daemon);
+		store = kit_open(clients[i], 0, i % 2 ? scene->plain : scene->coded);
+		count = kit_entries(store, 0, 0, LEAVES_MAX, entries);
+		kit_set(clients[i], entries, count, 0);
+	}
+	assert_int_equal(manager_stop(scene->manager, SIGTERM), 0);
+	assert_true(manager_said(scene->manager, "STOPPING=1") > 0);
+	/* What they could draw they draw on. */
+	for (uint32_t i = 0; i < MANY_CLIENTS; i++) {
+		(void)kit_count_drawable(&clients[i]->stores[0]);
+		kit_disconnect(clients[i]);
+	}
+}
+
 int main(void)
 {
 #define SCENE_TEST(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
@@ -491,6 +597,8 @@ int main(void)
 		SCENE_TEST(a_daemon_that_dies_in_its_grace_passes_on_what_it_had),
 		SCENE_TEST(a_client_that_runs_draws_across_the_restart),
 		SCENE_TEST(killed_at_any_moment_it_comes_back_whole),
+		SCENE_TEST(a_worker_that_hangs_is_no_ping_until_it_goes_on),
+		SCENE_TEST(it_ends_in_order_with_many_clients_that_wait),
 	};
 
 	return TEST_RUN(tests);
