@@ -2,12 +2,14 @@
 #include "daemon/fills.h"
 
 #include <errno.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 
 #include "daemon/limits.h"
 #include "daemon/recorder.h"
+#include "formats/base/bytes.h"
 #include "formats/base/check.h"
 #include "formats/base/clock.h"
 #include "formats/base/log.h"
@@ -182,13 +184,17 @@ static enum wire_reason reason_of(int error)
 static void fill_log(const struct fill *fill)
 {
 	struct served *served = fill->served;
+	char node[16];
+	const struct log_field about[] = { { "OOCD_STORE", served->path }, { "OOCD_NODE", node } };
 
 	if (served->logged_count == STORE_LOG_LINES_MAX)
 		return;
 	served->logged_count++;
-	log_error("%s: node %u, %u bytes at offset %llu: %s; the rest is served", served->path,
-		  fill->index, fill->record->stored_bytes,
-		  (unsigned long long)fill->record->file_offset, fill->why.text);
+	(void)snprintf(node, sizeof(node), "%u", fill->index);
+	log_write_about(LOG_LEVEL_ERROR, about, ARRAY_LENGTH(about),
+			"%s: node %u, %u bytes at offset %llu: %s; the rest is served",
+			served->path, fill->index, fill->record->stored_bytes,
+			(unsigned long long)fill->record->file_offset, fill->why.text);
 	if (served->logged_count == STORE_LOG_LINES_MAX)
 		log_error("%s: more such nodes are only counted: see `oocctl verify`",
 			  served->path);

@@ -9,6 +9,7 @@
 #include "daemon/inspect.h"
 #include "daemon/limits.h"
 #include "daemon/recorder.h"
+#include "formats/base/bytes.h"
 #include "formats/base/check.h"
 #include "formats/base/clock.h"
 #include "formats/base/file.h"
@@ -680,11 +681,15 @@ static void on_gone(void *arg, const struct why *why)
 {
 	struct session *session = arg;
 	uint64_t unlogged_count;
+	char client[16];
+	const struct log_field about[] = { { "OOCD_CLIENT", client } };
 
+	(void)snprintf(client, sizeof(client), "%d", (int)connection_pid(session->connection));
 	if (why && account_may_log(session->account, clock_now_ns(), &unlogged_count)) {
-		log_warning("client %d (%s, uid %d): dropped: %s",
-			    (int)connection_pid(session->connection), session->name,
-			    (int)connection_uid(session->connection), why->text);
+		log_write_about(LOG_LEVEL_WARNING, about, ARRAY_LENGTH(about),
+				"client %d (%s, uid %d): dropped: %s",
+				(int)connection_pid(session->connection), session->name,
+				(int)connection_uid(session->connection), why->text);
 		if (unlogged_count > 0)
 			log_warning("%llu lines about clients of uid %d were left out",
 				    (unsigned long long)unlogged_count,

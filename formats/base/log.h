@@ -11,6 +11,7 @@
 #define FORMATS_BASE_LOG_H
 
 #include <stdbool.h>
+#include <stddef.h>
 
 enum log_level {
 	LOG_LEVEL_ERROR = 3,
@@ -24,6 +25,16 @@ void log_init(const char *program, enum log_level level_max);
 
 /** One line; no newline at the end. */
 void log_write(enum log_level level, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+/** What a line is about, for whoever looks for it in the journal: "OOCD_STORE", "/srv/plant.ooc". */
+struct log_field {
+	const char *name;
+	const char *value;
+};
+
+/** The same; where standard error is the journal, with fields. */
+void log_write_about(enum log_level level, const struct log_field *fields, size_t field_count,
+		     const char *format, ...) __attribute__((format(printf, 4, 5)));
 
 /** The name given to log_init(), for usage texts. */
 const char *log_program(void);

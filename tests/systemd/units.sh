@@ -145,6 +145,18 @@ for uid in 20001 20002 20003; do
 	oocctl status --json | grep -q "\"uid\": $uid" || fail "user $uid has no account of its own"
 done
 
+# ---- journal ----
+
+size=$(stat -c %s "$layer/srv/open.ooc")
+inside cp /srv/open.ooc /srv/damaged.ooc
+printf 'damage' | inside dd of=/srv/damaged.ooc bs=1 seek=$((size / 2)) conv=notrunc status=none
+inside chmod 0644 /srv/damaged.ooc
+oocctl nodes /srv/damaged.ooc | awk '$1 ~ /^[0-9]+$/ { print $1 }' |
+	oocctl prefetch /srv/damaged.ooc --nodes - --deadline 1 >/dev/null 2>&1 || true
+await 1 sh -c "'$here/box' exec '$box' journalctl -u oocd -o cat OOCD_STORE=/srv/damaged.ooc --no-pager |
+	grep -c 'damaged: its checksum is wrong'"
+ready=$(number ready_nodes)
+
 # ---- reload ----
 
 configure "cache-size = 96M" "grace = 0"
