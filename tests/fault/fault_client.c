@@ -129,11 +129,31 @@ static int draw(struct ooc_client *client, struct ooc_store *store)
 	return 0;
 }
 
+/* One of each kind of question, and an order. */
+static int ask(struct ooc_client *client, struct ooc_store *store)
+{
+	static struct ooc_node_info infos[OOC_INSPECT_COUNT_MAX];
+	char *text;
+	int r;
+
+	r = ooc_status(client, &text);
+	if (r < 0)
+		return r;
+	free(text);
+	r = ooc_inspect(store, 0, infos);
+	if (r < 0)
+		return r;
+	assert_int_equal(r, (int)ooc_node_count(store));
+	r = ooc_steer(client, OOC_EVICT, store, NULL, 0, &text);
+	if (r == 0)
+		free(text);
+	return r;
+}
+
 static int run(const struct scene *scene)
 {
 	struct ooc_client *client;
 	struct ooc_store *store;
-	char *text;
 	int r;
 
 	r = ooc_connect(scene->socket_path, "test", &client);
@@ -145,11 +165,8 @@ static int run(const struct scene *scene)
 	r = ooc_open(client, scene->store_path, &store);
 	if (r == 0) {
 		r = draw(client, store);
-		if (r == 0) {
-			r = ooc_status(client, &text);
-			if (r == 0)
-				free(text);
-		}
+		if (r == 0)
+			r = ask(client, store);
 		ooc_close(store);
 	}
 	assert_true(r == 0 || ooc_error_text(client)[0] != '\0');
