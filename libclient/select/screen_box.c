@@ -8,9 +8,13 @@
 /** A few of a float's last bits. */
 #define FLOAT_SLACK 0x1p-21
 
-/* The corners' rectangle, with a pixel more on each side.  Returns: false when it is beside. */
+/*
+ * The corners' rectangle, with a pixel more on each side, and the depth of the nearest corner.
+ * Returns: false when it is beside the screen.
+ */
 static bool rectangle_set(struct screen_box *ret, const struct camera_view *view,
-			  const uint32_t side[2], const float box_min[3], const float box_max[3])
+			  const uint32_t side[2], const float box_min[3], const float box_max[3],
+			  double *ret_nearest)
 {
 	double low[2] = { INFINITY, INFINITY };
 	double high[2] = { -INFINITY, -INFINITY };
@@ -47,7 +51,7 @@ static bool rectangle_set(struct screen_box *ret, const struct camera_view *view
 	ret->rectangle =
 		(struct screen_rectangle){ (uint32_t)low[0], (uint32_t)low[1],
 					   (uint32_t)ceil(high[0]), (uint32_t)ceil(high[1]) };
-	ret->nearest = (float)(view->near / nearest * (1.0 + DEPTH_SLACK));
+	*ret_nearest = view->near / nearest;
 	return true;
 }
 
@@ -77,13 +81,14 @@ static struct screen_plane plane_at(const struct camera_view *view, const uint32
 bool screen_box_set(struct screen_box *ret, const struct camera_view *view, const uint32_t side[2],
 		    const float box_min[3], const float box_max[3])
 {
+	double nearest;
 	double slack;
 
 	ret->front_count = 0;
 	ret->back_count = 0;
-	if (!rectangle_set(ret, view, side, box_min, box_max))
+	if (!rectangle_set(ret, view, side, box_min, box_max, &nearest))
 		return false;
-	slack = DEPTH_SLACK * ret->nearest;
+	slack = DEPTH_SLACK * nearest;
 	for (unsigned k = 0; k < 3; k++) {
 		double to_min = box_min[k] - view->eye[k];
 		double to_max = box_max[k] - view->eye[k];

@@ -6,11 +6,15 @@
  * 1 / distance is linear in x and y on each of the six planes of a box.  A ray enters the box at the
  * farthest of the planes that face the eye, and leaves it at the nearest of the others.
  *
+ * The depth of the nearest corner is no bound: vertices are snapped to subpixels, so a steep triangle
+ * is drawn a little beyond its edge, and has a nearer depth there.  Planes are taken with a margin.
+ *
  * Threads: any; pure functions.
  */
 #ifndef LIBCLIENT_SELECT_SCREEN_BOX_H
 #define LIBCLIENT_SELECT_SCREEN_BOX_H
 
+#include <float.h>
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -28,7 +32,6 @@ struct screen_plane {
 
 struct screen_box {
 	struct screen_rectangle rectangle; /* all pixels that it may touch */
-	float nearest;                     /* depth of its nearest corner */
 	struct screen_plane front[3];
 	struct screen_plane back[6];
 	unsigned front_count;
@@ -55,7 +58,7 @@ static inline float screen_box_depth(const struct screen_box *box,
 {
 	const float x[2] = { (float)rectangle->x0 - 1.0f, (float)rectangle->x1 + 1.0f };
 	const float y[2] = { (float)rectangle->y0 - 1.0f, (float)rectangle->y1 + 1.0f };
-	float enters = box->nearest;
+	float enters = FLT_MAX;
 	float leaves = 0.0f;
 
 	for (unsigned i = 0; i < box->front_count; i++) {

@@ -544,8 +544,10 @@ static void tests_of_more_than_65535_boxes_are_answered_box_by_box(void **state)
 				       .up = { 0, 0, 1 },
 				       .fov_y_degrees = 70 };
 	struct answers answers = { 0 };
-	struct conservative_tester tester = { answers_draw, answers_test, NULL,
-					      &answers,     1u << 20,     0 };
+	struct conservative_tester tester = { .draw = answers_draw,
+					      .test = answers_test,
+					      .context = &answers,
+					      .round_max = 1u << 20 };
 	struct scene_model model = { 0 };
 	struct conservative_result result;
 	struct camera_view view;
