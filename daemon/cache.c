@@ -8,7 +8,7 @@
 #include "formats/base/check.h"
 #include "formats/base/clock.h"
 
-/* Candidates looked at, from the oldest, before the whole arena is searched for a window. */
+/* Candidates looked at, from the first that should go, before the whole arena is searched for a window. */
 #define WINDOW_TRIES 8u
 /* Uses between two looks at whether another store's memory is older than what would be evicted. */
 #define STEAL_USES 16u
@@ -61,6 +61,8 @@ static void evict(struct served *served, uint32_t index)
 	/* The word says ABSENT before the place can be given to anyone. */
 	node_evict(node, word_of(served, index));
 	list_remove(&node->link);
+	if (served->replacement)
+		replacement_evict(served->replacement, index);
 	arena_give(&served->arena, node->place);
 	served->ready_count--;
 	served->counters.evictions++;
@@ -131,37 +133,55 @@ static void drop_segment(struct cache *cache, struct served *served, struct segm
 	follow_wanted(cache);
 }
 
-static uint64_t age_of(void *arg, uint32_t owner)
+static uint64_t rank_of(void *arg, uint32_t owner)
 {
 	const struct served *served = arg;
-	const struct node *node = &served->nodes[owner];
 
-	return node->state == NODE_FREE ? node->last_use : ARENA_NEVER;
+	if (served->nodes[owner].state != NODE_FREE)
+		return ARENA_NEVER;
+	return served->replacement ? replacement_rank(served->replacement, owner)
+				   : served->nodes[owner].last_use;
+}
+
+/* Some of the FREE nodes that should go first, the first of them first. */
+static uint32_t find_candidates(const struct served *served, uint32_t *ret, uint32_t count_max)
+{
+	uint32_t count = 0;
+
+	if (served->replacement)
+		return replacement_candidates(served->replacement, ret, count_max);
+	LIST_FOR_EACH (link, &served->lru) {
+		if (count == count_max)
+			break;
+		ret[count++] = (uint32_t)(LIST_ENTRY(link, struct node, link) - served->nodes);
+	}
+	return count;
 }
 
 /*
- * The oldest nodes are tried first, each with its neighbours, because payloads of a store are of
+ * The nodes that should go first are tried first, each with its neighbours, because payloads of a store are of
  * similar size and that nearly always succeeds.  Only then all windows are compared, so that "full"
  * is said exactly when it is true.
  */
 static int find_window(struct served *served, uint32_t pages, struct window *ret)
 {
 	struct window best = { .youngest = ARENA_NEVER };
-	uint32_t tries = 0;
+	uint32_t candidates[WINDOW_TRIES];
+	uint32_t count = find_candidates(served, candidates, WINDOW_TRIES);
 
-	LIST_FOR_EACH (link, &served->lru) {
-		struct node *node = LIST_ENTRY(link, struct node, link);
+	for (uint32_t i = 0; i < count; i++) {
+		const struct node *node = &served->nodes[candidates[i]];
 		struct window window;
 
-		if (tries++ == WINDOW_TRIES || node->last_use >= best.youngest)
+		if (rank_of(served, candidates[i]) >= best.youngest)
 			break;
-		if (arena_window_around(&served->arena, node->place, pages, age_of, served,
+		if (arena_window_around(&served->arena, node->place, pages, rank_of, served,
 					&window) == 0 &&
 		    window.youngest < best.youngest)
 			best = window;
 	}
 	if (best.youngest == ARENA_NEVER)
-		return arena_window_best(&served->arena, pages, age_of, served, ret);
+		return arena_window_best(&served->arena, pages, rank_of, served, ret);
 	*ret = best;
 	return 0;
 }
@@ -192,22 +212,34 @@ static void grow_ahead(struct cache *cache, struct served *served)
 		(void)grow(cache, served);
 }
 
-/* Stamp of the segment's newest use, or ARENA_NEVER when something in it is pinned. */
-static uint64_t segment_age(const struct served *served, const struct segment *segment)
+/* Stamp of the newest use from `at` to `end`, in whole runs. */
+static uint64_t newest_use(const struct served *served, const struct pages *pages, uint32_t at,
+			   uint32_t end)
 {
-	uint64_t youngest = 0;
-	uint32_t at = 0;
+	uint64_t newest = 0;
 
-	if (segment->pinned_pages > 0)
-		return ARENA_NEVER;
-	while (at < pages_count(segment->pages)) {
-		struct pages_run run = pages_run_at(segment->pages, at);
+	while (at < end) {
+		struct pages_run run = pages_run_at(pages, at);
 
 		at += run.count;
 		if (run.owner != PAGES_FREE)
-			youngest = u64_max(youngest, served->nodes[run.owner].last_use);
+			newest = u64_max(newest, served->nodes[run.owner].last_use);
 	}
-	return youngest;
+	return newest;
+}
+
+static uint64_t window_age(const struct served *served, struct window window)
+{
+	return newest_use(served, served->arena.by_number[window.segment]->pages, window.first,
+			  window.first + window.page_count);
+}
+
+/* Stamp of the segment's newest use, or ARENA_NEVER when something in it is pinned. */
+static uint64_t segment_age(const struct served *served, const struct segment *segment)
+{
+	if (segment->pinned_pages > 0)
+		return ARENA_NEVER;
+	return newest_use(served, segment->pages, 0, pages_count(segment->pages));
 }
 
 /* Drops the oldest segment of another store that was last used before `limit`. */
@@ -471,7 +503,7 @@ static int take_place(struct cache *cache, struct served *served, uint32_t index
 		      struct place *ret)
 {
 	uint32_t pages = served_pages(served, index);
-	struct window window = { .youngest = ARENA_NEVER };
+	struct window window = { 0 };
 	int r = -ENOBUFS;
 
 	if (arena_take(&served->arena, pages, index, ret) == 0)
@@ -481,7 +513,7 @@ static int take_place(struct cache *cache, struct served *served, uint32_t index
 	if (!is_known_full(cache, served, pages)) {
 		r = find_window(served, pages, &window);
 		if ((r < 0 || cache->clock - cache->steal_clock >= STEAL_USES) &&
-		    steal(cache, served, window.youngest))
+		    steal(cache, served, r < 0 ? ARENA_NEVER : window_age(served, window)))
 			return -EAGAIN;
 	}
 	if (r < 0)
@@ -539,8 +571,8 @@ int cache_adopt_node(struct cache *cache, struct served *served, uint32_t index,
 	return 0;
 }
 
-/* The node has become FREE: it is the one that was used last. */
-static void set_free(struct cache *cache, struct served *served, uint32_t index)
+/* The node has become FREE: it is the one that was used last, if it was. */
+static void set_free(struct cache *cache, struct served *served, uint32_t index, bool was_used)
 {
 	struct node *node = &served->nodes[index];
 	struct segment *segment = segment_of(served, node);
@@ -549,6 +581,9 @@ static void set_free(struct cache *cache, struct served *served, uint32_t index)
 	ledger_note_held(&served->ledger, index, false);
 	node->last_use = ++cache->clock;
 	list_push_back(&served->lru, &node->link);
+	if (served->replacement)
+		replacement_let_go(served->replacement, index, served_pages(served, index),
+				   was_used);
 	recorder_node(served, TRACE_FREE, index);
 	if (!segment->draining)
 		return;
@@ -568,7 +603,7 @@ void cache_end_fill(struct cache *cache, struct served *served, uint32_t index)
 	served->ready_count++;
 	served->counters.filled++;
 	if (node->state == NODE_FREE)
-		set_free(cache, served, index);
+		set_free(cache, served, index, false);
 	else
 		served->held_pages += served_pages(served, index);
 }
@@ -591,6 +626,7 @@ void cache_hold(struct cache *cache, struct served *served, uint32_t index)
 {
 	struct node *node = &served->nodes[index];
 	bool was_free = node->state == NODE_FREE;
+	bool was_held = node->hold_count > 0;
 
 	node_hold(node, word_of(served, index));
 	served->counters.holds++;
@@ -598,6 +634,8 @@ void cache_hold(struct cache *cache, struct served *served, uint32_t index)
 		node->unused_prefetch = false;
 		served->counters.prefetch_used++;
 	}
+	if (!was_held && served->replacement)
+		replacement_use(served->replacement, index);
 	if (!was_free)
 		return;
 	ledger_note_held(&served->ledger, index, true);
@@ -615,7 +653,7 @@ void cache_release(struct cache *cache, struct served *served, uint32_t index)
 	if (node->state != NODE_FREE)
 		return;
 	served->held_pages -= served_pages(served, index);
-	set_free(cache, served, index);
+	set_free(cache, served, index, true);
 }
 
 bool cache_evict(struct served *served, uint32_t index)
@@ -712,6 +750,8 @@ static void store_check(const struct served *served)
 
 		node_check(node);
 		CHECK((node->state == NODE_FREE) == !list_is_empty(&node->link));
+		CHECK(!served->replacement ||
+		      replacement_has(served->replacement, i) == (node->state == NODE_FREE));
 		if (node->state == NODE_ABSENT || node->state == NODE_DAMAGED)
 			continue;
 		CHECK(pages_run_at(segment_of(served, node)->pages, node->place.page).owner == i);
@@ -729,6 +769,8 @@ static void store_check(const struct served *served)
 		free_count--;
 	}
 	CHECK(free_count == 0);
+	if (served->replacement)
+		replacement_check(served->replacement);
 	CHECK(used_pages == served->arena.used_pages);
 	CHECK(pinned_pages == served->pinned_pages);
 	CHECK(held_pages == served->held_pages);

@@ -34,7 +34,7 @@ enum kind {
 	KIND_SIZE,
 	KIND_SECONDS, /* with decimals; stored as milliseconds */
 	KIND_PERCENT, /* stored as permille */
-	KIND_WORD,
+	KIND_REPLACEMENT,
 	KIND_PATH,
 	KIND_STORE, /* a path; may be said several times */
 	KIND_GROUP,
@@ -67,7 +67,7 @@ static const struct key server_keys[] = {
 	{ "idle-close", KIND_NUMBER64, SERVER(idle_close_s), 0, UINT32_MAX },
 	{ "grace", KIND_SECONDS, SERVER(grace_ms), 0, 3600 },
 	{ "admin-group", KIND_GROUP, SERVER(admin_gid), 0, 0 },
-	{ "replacement", KIND_WORD, SERVER(replacement), 0, 0 },
+	{ "replacement", KIND_REPLACEMENT, SERVER(replacement), 0, 0 },
 	{ "trace", KIND_PATH, SERVER(trace_path), 0, 0 },
 	{ "metrics-file", KIND_PATH, SERVER(metrics_path), 0, 0 },
 	{ "metrics-socket", KIND_PATH, SERVER(metrics_socket_path), 0, 0 },
@@ -152,6 +152,14 @@ static int set_seconds(const struct key *key, const char *value, uint64_t *ret_m
 	}
 	return why_set(why, -EINVAL, "not seconds from %llu to %llu", (unsigned long long)key->min,
 		       (unsigned long long)key->max);
+}
+
+static int set_replacement(const char *value, enum replacement_policy *ret, struct why *why)
+{
+	if (replacement_find(value, ret) == 0)
+		return 0;
+	return why_set(why, -EINVAL, "not %s or %s", replacement_name(REPLACEMENT_reuse),
+		       replacement_name(REPLACEMENT_lru));
 }
 
 static int set_percent(const char *value, uint32_t *ret, struct why *why)
@@ -292,7 +300,9 @@ static int set_value(struct whole *whole, void *target, const struct key *key, c
 	case KIND_PERCENT:
 		r = set_percent(value, place, why);
 		break;
-	case KIND_WORD:
+	case KIND_REPLACEMENT:
+		r = set_replacement(value, place, why);
+		break;
 	case KIND_PATH:
 		r = keep_text(whole, value, place, why);
 		break;

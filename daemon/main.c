@@ -46,6 +46,8 @@ static const char usage_text[] =
 	"                        share, or bytes a second and milliseconds a read, as 40M:12.5\n"
 	"  --idle-exit SECONDS   end when nobody has been connected for so long\n"
 	"  --idle-close SECONDS  close a store that nobody has had open for so long (300)\n"
+	"  --replacement NAME    which payloads go first when room is needed: reuse, those that are\n"
+	"                        least likely to be wanted again soon, or lru (lru)\n"
 	"  --trace FILE          write what clients ask and what the cache does\n"
 	"  --verbose             say more\n"
 	"  --help, --version\n"
@@ -77,6 +79,7 @@ static const struct option options[] = {
 	{ "disk", required_argument, NULL, OPTION_KEY },
 	{ "idle-exit", required_argument, NULL, OPTION_KEY },
 	{ "idle-close", required_argument, NULL, OPTION_KEY },
+	{ "replacement", required_argument, NULL, OPTION_KEY },
 	{ "trace", required_argument, NULL, OPTION_KEY },
 	{ "verbose", no_argument, NULL, OPTION_KEY },
 	{ "help", no_argument, NULL, OPTION_HELP },

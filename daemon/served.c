@@ -65,8 +65,8 @@ static uint64_t power_of_two_down(uint64_t value)
  * usual unless the cache is so large that the table of buffers would run out; not above what the
  * store can ever fill; and never below its largest payload, which lies in one segment.
  */
-static int choose_segment_bytes(const struct store_superblock *superblock, uint64_t cache_bytes,
-				uint64_t *ret, struct why *why)
+int served_segment_bytes(const struct store_superblock *superblock, uint64_t cache_bytes,
+			 uint64_t *ret, struct why *why)
 {
 	uint64_t largest_bytes = power_of_two_up(
 		bytes_round_up(u64_max(superblock->payload_bytes_max, 1), WIRE_PAGE_BYTES));
@@ -214,7 +214,7 @@ static int load(struct served *served, const struct store_file *store, uint64_t 
 
 	r = served_identify(store_fd(store), &served->device, &served->inode, why);
 	if (r == 0)
-		r = choose_segment_bytes(store_superblock(store), cache_bytes, &segment_bytes, why);
+		r = served_segment_bytes(store_superblock(store), cache_bytes, &segment_bytes, why);
 	if (r == 0)
 		r = load_hs(served, store, why);
 	if (r == 0)
@@ -281,6 +281,7 @@ struct served *served_close(struct served *served)
 	memfile_done(&served->directory_file);
 	memfile_done(&served->hs);
 	(void)fd_close(served->fd);
+	replacement_destroy(served->replacement);
 	free(served->nodes);
 	free(served);
 	return NULL;

@@ -22,6 +22,7 @@
 #include "daemon/ledger.h"
 #include "daemon/memfile.h"
 #include "daemon/node.h"
+#include "daemon/replacement.h"
 #include "formats/base/list.h"
 #include "formats/base/why.h"
 #include "formats/store/layout.h"
@@ -66,11 +67,12 @@ struct served {
 	bool direct;   /* O_DIRECT */
 	uint32_t file; /* of the fetch layer */
 	uint32_t attach_count;
-	bool keep;                      /* named on the command line: never closed */
-	uint64_t idle_since_ns;         /* attach_count is 0 since */
-	uint32_t logged_count;          /* lines about its nodes; bounded */
-	struct store_counters counters; /* since it was opened */
-	struct recorded *recorded;      /* in the trace; NULL: none is written (recorder.h) */
+	bool keep;                       /* named on the command line: never closed */
+	uint64_t idle_since_ns;          /* attach_count is 0 since */
+	uint32_t logged_count;           /* lines about its nodes; bounded */
+	struct store_counters counters;  /* since it was opened */
+	struct replacement *replacement; /* order of the FREE nodes; NULL: that of the lru list */
+	struct recorded *recorded;       /* in the trace; NULL: none is written (recorder.h) */
 	/* Nodes that an administrator wants resident; see residents.h. */
 	uint32_t resident_count;
 	uint32_t resident_wanted_count; /* of them without a hold yet */
@@ -105,6 +107,16 @@ bool served_is_current(int fd, const uint8_t uuid[16], uint64_t generation);
  */
 int served_open(int fd, const char *path, uint64_t cache_bytes, uint64_t epoch, struct served **ret,
 		struct why *why);
+
+/**
+ * How large the segments of such a store are, in a cache of that size.
+ *
+ * superblock:  its payload_bytes_max, payload_raw_bytes and node_count.
+ *
+ * Returns: 0, or -ENOBUFS (the cache cannot hold its largest payload).
+ */
+int served_segment_bytes(const struct store_superblock *superblock, uint64_t cache_bytes,
+			 uint64_t *ret, struct why *why);
 
 /** Nothing of it may be in flight.  NULL is allowed.  Returns: NULL. */
 struct served *served_close(struct served *served);

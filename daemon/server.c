@@ -386,8 +386,9 @@ static int create_parts(struct server *server, struct why *why)
 	cache_init(&server->cache, config->cache_bytes, &cache_calls, server);
 	room_init(&server->room, &server->cache);
 	if (config->trace_path) {
-		r = recorder_create(config->trace_path, config->cache_bytes, "lru",
-				    &server->cache.recorder, why);
+		r = recorder_create(config->trace_path, config->cache_bytes,
+				    replacement_name(config->replacement), &server->cache.recorder,
+				    why);
 		if (r < 0)
 			return r;
 	}

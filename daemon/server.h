@@ -14,6 +14,7 @@
 
 #include "daemon/accounts.h"
 #include "daemon/fetch.h"
+#include "daemon/replacement.h"
 #include "formats/base/list.h"
 #include "formats/base/why.h"
 
@@ -40,8 +41,8 @@ struct server_config {
 	uint32_t store_count;
 	const struct account_policy *policies; /* one a uid at most */
 	uint32_t policy_count;
-	gid_t admin_gid;                 /* may steer, besides root and our user; 0: nobody else */
-	const char *replacement;         /* name of the policy; NULL: the usual */
+	gid_t admin_gid; /* may steer, besides root and our user; 0: nobody else */
+	enum replacement_policy replacement;
 	const char *trace_path;          /* NULL: none */
 	const char *metrics_path;        /* file that is written anew now and then; NULL: none */
 	const char *metrics_socket_path; /* whoever connects is told; NULL: none */

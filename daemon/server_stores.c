@@ -85,6 +85,14 @@ static int store_install(struct server *server, struct served *served, struct wh
 		if (r < 0)
 			why_errno(why, r, "the store's descriptor");
 	}
+	if (r == 0) {
+		r = replacement_create(server->config.replacement, served->node_count,
+				       &served->replacement);
+		if (r < 0) {
+			fetch_remove_file(server->fetch, served->file);
+			why_errno(why, r, "the order of %u nodes", served->node_count);
+		}
+	}
 	if (r < 0) {
 		served_close(served);
 		return r;

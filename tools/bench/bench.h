@@ -16,6 +16,8 @@ int verb_chart(int argc, char **argv);
 int verb_exact(int argc, char **argv);
 int verb_fetch(int argc, char **argv);
 int verb_path(int argc, char **argv);
+int verb_record(int argc, char **argv);
+int verb_replay(int argc, char **argv);
 int verb_select(int argc, char **argv);
 int verb_soak(int argc, char **argv);
 int verb_stress(int argc, char **argv);

@@ -19,6 +19,8 @@ static const struct verb {
 	{ "walk", verb_walk, "goes along a path and says what fetching and looking ahead give" },
 	{ "chart", verb_chart, "charts accuracy against speed, and finds the knee" },
 	{ "exact", verb_exact, "proves pictures of a store equal to those of its input" },
+	{ "record", verb_record, "records the trace of viewers that go along camera paths" },
+	{ "replay", verb_replay, "asks the cache again, with other policies and sizes" },
 	{ "fetch", verb_fetch, "measures cold fetches against what the disk gives" },
 	{ "cache", verb_cache, "measures the cache against mmap, pread, LMDB and memcached" },
 	{ "build", verb_build, "measures builds against what the disk takes" },

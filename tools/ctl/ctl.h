@@ -33,6 +33,7 @@ int ctl_status(int argc, char **argv);
 int ctl_stores(int argc, char **argv);
 int ctl_top(int argc, char **argv);
 int ctl_unpin(int argc, char **argv);
+int ctl_trace(int argc, char **argv);
 int ctl_verify(int argc, char **argv);
 
 /** Says that the command line is wrong and where the right one stands.  Returns: CTL_USAGE. */

@@ -15,6 +15,7 @@ static const struct {
 	{ "parts", ctl_parts, "the parts of a store" },
 	{ "verify", ctl_verify, "read every byte of a store and name what is damaged" },
 	{ "export", ctl_export, "write a store's triangles as PLY" },
+	{ "trace", ctl_trace, "what a trace of the daemon holds, summed up or event by event" },
 	{ "status", ctl_status, "how the daemon is, with its stores and clients" },
 	{ "stores", ctl_stores, "the stores that the daemon serves" },
 	{ "clients", ctl_clients, "the daemon's clients, and who lives on whose reads" },
