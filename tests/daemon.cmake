@@ -43,10 +43,12 @@ target_link_options(test_daemon_calls PRIVATE
 oocd_test(test_interleavings model
 	SOURCES model/test_interleavings.c model/small_world.c model/region.c
 	LINK oocd_core oocd_test_helper SINGLE_THREADED)
-target_link_options(test_interleavings PRIVATE
-	-Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc,--wrap=free
-	-Wl,--wrap=memfile_create,--wrap=memfile_publish,--wrap=memfile_done
-	-Wl,--wrap=cache_release,--wrap=arena_give)
+if(TARGET test_interleavings)
+	target_link_options(test_interleavings PRIVATE
+		-Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc,--wrap=free
+		-Wl,--wrap=memfile_create,--wrap=memfile_publish,--wrap=memfile_done
+		-Wl,--wrap=cache_release,--wrap=arena_give)
+endif()
 
 oocd_test(test_hostile integration SOURCES integration/test_hostile.c LINK oocd_daemon_kit)
 oocd_test(test_ring unit SOURCES unit/test_ring.c LINK oocd_core oocd_test_helper PkgConfig::URING)
