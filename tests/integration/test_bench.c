@@ -487,6 +487,7 @@ static void wrong_command_lines_are_refused_with_two(void **state)
 					     "fetch",
 					     "fetch a --depth 0",
 					     "cache a --held 0",
+					     "cache a --viewers 2",
 					     "build a b",
 					     "build --memory x" };
 

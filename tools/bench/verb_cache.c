@@ -13,12 +13,14 @@
 #include "formats/base/bytes.h"
 #include "formats/base/file.h"
 #include "formats/base/log.h"
+#include "libclient/ooc/client.h"
 #include "tools/bench/arguments.h"
 #include "tools/bench/bench.h"
 #include "tools/bench/contest.h"
 #include "tools/bench/frames.h"
 #include "tools/bench/measure.h"
 #include "tools/bench/plot.h"
+#include "tools/bench/viewers.h"
 
 #define REPEATS_MAX 100u
 /** Where the walk is larger than memory: what oocd and memcached need beside their cache. */
@@ -38,6 +40,7 @@ static const char help[] =
 	"  --repeats N    rounds of each contestant (5)\n"
 	"  --held N       nodes that a client holds where costs are measured (1000)\n"
 	"  --clients N    in the crowd (16)\n"
+	"  --viewers N    also the memory of N viewers, which takes --path\n"
 	"  --plot FILE    draws frame times; FILE ends in .svg or .png, -REGIME is put before that\n"
 	"  --csv FILE     every frame's time\n"
 	"  --quick        few frames and one round, to see that it works\n"
@@ -56,6 +59,7 @@ struct cache_options {
 	uint64_t repeat_count;
 	uint64_t held_count;
 	uint64_t client_count;
+	uint64_t viewer_count;
 	bool is_quick;
 	bool is_json;
 };
@@ -81,6 +85,19 @@ static const struct regime {
 };
 #define REGIME_COUNT ARRAY_LENGTH(regimes)
 
+/** Viewers as they are, without threads of the driver's, and such that draw next to nothing. */
+static const struct viewers_case {
+	const char *key;
+	const char *title;
+	bool is_single;
+	bool is_control;
+} viewers_cases[] = {
+	{ "viewers", "viewers", false, false },
+	{ "viewers_single", "viewers with LP_NUM_THREADS=0", true, false },
+	{ "viewers_control", "viewers that draw one node, LP_NUM_THREADS=0", true, true },
+};
+#define VIEWERS_CASE_COUNT ARRAY_LENGTH(viewers_cases)
+
 /** What one contestant did in one regime. */
 struct score {
 	bool is_there;
@@ -100,6 +117,8 @@ struct cache {
 	struct why missing[REGIME_COUNT][CONTESTANT_COUNT]; /* why a contestant is not there */
 	struct frames_one one;
 	struct frames_crowd crowd;
+	struct viewers_memory viewers[VIEWERS_CASE_COUNT];
+	double arena_bytes; /* what the daemon has of it while they look */
 };
 
 /* ---- frames ---- */
@@ -130,6 +149,53 @@ static int measure_frames(struct cache *cache, struct why *why)
 	if (r == 0)
 		r = frames_measure_crowd(&config, (unsigned)options->client_count, CROWD_SHARE,
 					 &cache->crowd, why);
+	measure_daemon_stop(&daemon);
+	return r;
+}
+
+/* ---- viewers ---- */
+
+/* What the daemon's memory holds: bytes of payloads, of all stores and clients. */
+static int arena_used(const char *socket_path, double *ret, struct why *why)
+{
+	struct ooc_client *client;
+	char *status = NULL;
+	int r = ooc_connect(socket_path, "oocbench", &client);
+
+	if (r == 0)
+		r = ooc_status(client, &status);
+	if (r == 0)
+		r = measure_json_number(status, "cache_used_bytes", ret);
+	free(status);
+	ooc_disconnect(client);
+	return r < 0 ? why_set(why, r, "the daemon's status cannot be had") : 0;
+}
+
+static int measure_viewers(struct cache *cache, struct why *why)
+{
+	const struct cache_options *options = cache->options;
+	struct measure_daemon daemon = { 0 };
+	struct viewers_config config = {
+		.store = options->store,
+		.path = options->path,
+		.viewer_count = (unsigned)options->viewer_count,
+		.seconds = options->is_quick ? 3 : 20,
+	};
+	int r = measure_daemon_start(
+		cache->scratch,
+		bytes_round_up(2 * cache->walk.distinct_bytes + 256 * MIB, 64 * MIB), 0, &daemon,
+		why);
+
+	if (r < 0)
+		return r;
+	config.socket_path = daemon.socket_path;
+	for (unsigned i = 0; r == 0 && i < VIEWERS_CASE_COUNT; i++) {
+		config.is_single = viewers_cases[i].is_single;
+		config.is_control = viewers_cases[i].is_control;
+		r = viewers_measure(&config, &cache->viewers[i], why);
+		if (r == 0 && i == 0)
+			r = arena_used(daemon.socket_path, &cache->arena_bytes, why);
+	}
 	measure_daemon_stop(&daemon);
 	return r;
 }
@@ -397,6 +463,28 @@ static void report_regime(struct cache *cache, struct report *report, size_t reg
 	report_group_end(report);
 }
 
+static void report_viewers(struct cache *cache, struct report *report)
+{
+	size_t count = cache->options->viewer_count;
+
+	report_number(report, "viewer_count", "viewers", (double)count, "");
+	report_number(report, "arena_bytes", "payloads in the daemon's memory", cache->arena_bytes,
+		      "bytes");
+	for (unsigned i = 0; i < VIEWERS_CASE_COUNT; i++) {
+		struct viewers_memory *memory = &cache->viewers[i];
+
+		report_group_begin(report, viewers_cases[i].key, viewers_cases[i].title);
+		report_spread(report, "private_bytes", "memory of each alone",
+			      measure_spread_of(memory->private_bytes, count), "bytes");
+		report_number(report, "all_bytes", "memory of all, what they share counted once",
+			      memory->all_bytes, "bytes");
+		report_number(
+			report, "beside_arena_bytes", "of it beside 1.05 x the payloads, each",
+			(memory->all_bytes - 1.05 * cache->arena_bytes) / (double)count, "bytes");
+		report_group_end(report);
+	}
+}
+
 static void cache_report(struct cache *cache)
 {
 	struct report report;
@@ -413,6 +501,8 @@ static void cache_report(struct cache *cache)
 	report_number(&report, "repeats", "rounds", (double)cache->options->repeat_count, "");
 	for (size_t k = 0; k < REGIME_COUNT; k++)
 		report_regime(cache, &report, k);
+	if (cache->options->viewer_count > 0)
+		report_viewers(cache, &report);
 	report_end(&report);
 }
 
@@ -501,6 +591,8 @@ static int cache_make(struct cache *cache, struct why *why)
 		r = measure_frames(cache, why);
 	if (r == 0)
 		r = measure_contest(cache, why);
+	if (r == 0 && cache->options->viewer_count > 0)
+		r = measure_viewers(cache, why);
 	if (r == 0)
 		r = cache_write(cache, why);
 	for (size_t k = 0; k < REGIME_COUNT; k++)
@@ -532,6 +624,7 @@ int verb_cache(int argc, char **argv)
 		{ "repeats", ARGUMENT_NUMBER, &options.repeat_count, 1, REPEATS_MAX },
 		{ "held", ARGUMENT_NUMBER, &options.held_count, 1, 100000 },
 		{ "clients", ARGUMENT_NUMBER, &options.client_count, 1, FRAMES_CLIENT_COUNT_MAX },
+		{ "viewers", ARGUMENT_NUMBER, &options.viewer_count, 1, VIEWERS_COUNT_MAX },
 		{ "plot", ARGUMENT_TEXT, &options.plot },
 		{ "csv", ARGUMENT_TEXT, &options.csv },
 		{ "quick", ARGUMENT_FLAG, &options.is_quick },
@@ -552,6 +645,8 @@ int verb_cache(int argc, char **argv)
 		options.repeat_count = 1;
 		options.client_count = u64_min(options.client_count, 4);
 	}
+	if (options.viewer_count > 0 && !options.path)
+		return verb_usage_error("cache", "--viewers takes a --path for them to go along");
 	cache.options = &options;
 	r = cache_make(&cache, &why);
 	if (r < 0)
