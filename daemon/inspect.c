@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 #include "daemon/inspect.h"
 
+#include "daemon/replacement.h"
 #include "formats/base/clock.h"
 
 static uint16_t cached_of(enum node_state state)
@@ -28,6 +29,15 @@ static bool has_age(const struct node *node)
 	return node_is_ready(node) || node->was_evicted;
 }
 
+/* As the cache compares it, and above 0, which says that it is in no order. */
+static uint64_t order_of(const struct served *served, uint32_t index)
+{
+	if (served->nodes[index].state != NODE_FREE)
+		return 0;
+	return 1 + (served->replacement ? replacement_rank(served->replacement, index)
+					: served->nodes[index].last_use);
+}
+
 uint32_t inspect_nodes(const struct served *served, uint32_t first, struct wire_node *ret)
 {
 	uint32_t now_ds = clock_now_ds();
@@ -37,7 +47,7 @@ uint32_t inspect_nodes(const struct served *served, uint32_t first, struct wire_
 		const struct node *node = &served->nodes[first];
 
 		ret[count++] = (struct wire_node){
-			.order = node->state == NODE_FREE ? node->last_use : 0,
+			.order = order_of(served, first),
 			.age_ds = has_age(node) ? now_ds - node->since_ds : WIRE_AGE_NEVER,
 			.holds = node->hold_count,
 			.payer = node->payer,
