@@ -271,3 +271,14 @@ int look_ahead_send(struct look_ahead *look_ahead, struct ooc_client *client,
 	look_ahead->sent_count = count;
 	return ooc_prefetch(client, look_ahead->sent, count);
 }
+
+size_t look_ahead_expected(struct look_ahead *look_ahead, struct ooc_want *ret)
+{
+	size_t count;
+
+	(void)pthread_mutex_lock(&look_ahead->mutex);
+	count = look_ahead->ready.count;
+	memcpy(ret, look_ahead->ready.wants, count * sizeof(*ret));
+	(void)pthread_mutex_unlock(&look_ahead->mutex);
+	return count;
+}

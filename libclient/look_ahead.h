@@ -86,4 +86,13 @@ struct look_ahead_report {
 int look_ahead_send(struct look_ahead *look_ahead, struct ooc_client *client,
 		    const struct look_ahead_budget *budget, struct look_ahead_report *ret);
 
+/**
+ * What is expected to be wanted, nearest in time first, for looking at it.
+ *
+ * ret:  room for LOOK_AHEAD_WANT_COUNT_MAX.
+ *
+ * Returns: how many.
+ */
+size_t look_ahead_expected(struct look_ahead *look_ahead, struct ooc_want *ret);
+
 #endif /* LIBCLIENT_LOOK_AHEAD_H */

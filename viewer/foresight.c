@@ -119,3 +119,8 @@ void foresight_frame(struct foresight *foresight, const struct camera *camera, d
 	(void)look_ahead_send(foresight->look_ahead, foresight->world->client, &foresight->budget,
 			      &report);
 }
+
+size_t foresight_expected(struct foresight *foresight, struct ooc_want *ret)
+{
+	return look_ahead_expected(foresight->look_ahead, ret);
+}

@@ -10,6 +10,7 @@
 #ifndef VIEWER_FORESIGHT_H
 #define VIEWER_FORESIGHT_H
 
+#include <stddef.h>
 #include <stdint.h>
 
 #include "formats/base/why.h"
@@ -37,5 +38,8 @@ struct foresight *foresight_destroy(struct foresight *foresight);
  */
 void foresight_frame(struct foresight *foresight, const struct camera *camera, double aspect,
 		     const struct world_choice *choice);
+
+/** See look_ahead_expected(). */
+size_t foresight_expected(struct foresight *foresight, struct ooc_want *ret);
 
 #endif /* VIEWER_FORESIGHT_H */

@@ -7,6 +7,8 @@
 
 #include "formats/base/log.h"
 #include "formats/base/text.h"
+#include "formats/store/store_file.h"
+#include "libclient/charted.h"
 #include "viewer/film.h"
 #include "viewer/model_store.h"
 #include "viewer/show.h"
@@ -145,6 +147,32 @@ out_scene:
 	return r;
 }
 
+/* Draws the first store as its chart says is right enough. */
+static int take_charted(struct options *options, const char *path, struct why *why)
+{
+	struct charted charted;
+	struct store_file *store;
+	int r = store_open_path(path, &store, why);
+
+	if (r < 0)
+		return r;
+	r = charted_find(store_superblock(store)->uuid, options->error_percent / 100.0, &charted,
+			 why);
+	store_close(store);
+	if (r < 0) {
+		why_prefix(why, "%s", path);
+		return r;
+	}
+	if (options_take_drawing(options, charted.options) < 0)
+		return why_set(why, -EUCLEAN,
+			       "%s: its chart says \"%s\", which is no way to draw: "
+			       "chart it again",
+			       path, charted.options);
+	log_info("%s: %.3g %% wrong of covered pixels where it was charted", charted.options,
+		 100.0 * charted.error);
+	return 0;
+}
+
 int main(int argc, char **argv)
 {
 	struct options options;
@@ -167,6 +195,8 @@ int main(int argc, char **argv)
 	store_paths = calloc(options.input_count, sizeof(char *));
 	r = store_paths ? find_stores(&options, store_paths, &why)
 			: why_errno(&why, -ENOMEM, "the list of stores");
+	if (r == 0 && options.error_percent >= 0.0)
+		r = take_charted(&options, store_paths[0], &why);
 	if (r == 0)
 		r = run(&options, store_paths, &why);
 	for (uint32_t i = 0; store_paths && i < options.input_count; i++)

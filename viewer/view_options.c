@@ -32,6 +32,8 @@ static const char help[] =
 	"                            all that is in view, what most likely shows, or what shows (full)\n"
 	"      --budget N            triangles a frame with --mode approximate (1000000)\n"
 	"      --fps N               approximate, with the budget that N frames a second leave here\n"
+	"      --error PERCENT       the cheapest way that shows at most so many of the covered pixels\n"
+	"                            wrong, as `oocbench chart` has measured for this store\n"
 	"      --order NAME          what goes first there: layer, solidity, extinction,\n"
 	"                            transmittance, distance, coverage or auto (auto)\n"
 	"      --visibility NAME     how --mode conservative tests: items, queries or software (items)\n"
@@ -81,6 +83,7 @@ enum option_key {
 	OPTION_MODE = 256,
 	OPTION_BUDGET,
 	OPTION_FPS,
+	OPTION_ERROR,
 	OPTION_ORDER,
 	OPTION_VISIBILITY,
 	OPTION_DEADLINE,
@@ -110,6 +113,7 @@ static const struct option long_options[] = {
 	{ "mode", required_argument, NULL, OPTION_MODE },
 	{ "budget", required_argument, NULL, OPTION_BUDGET },
 	{ "fps", required_argument, NULL, OPTION_FPS },
+	{ "error", required_argument, NULL, OPTION_ERROR },
 	{ "order", required_argument, NULL, OPTION_ORDER },
 	{ "visibility", required_argument, NULL, OPTION_VISIBILITY },
 	{ "deadline", required_argument, NULL, OPTION_DEADLINE },
@@ -213,6 +217,15 @@ static int to_ms(const char *text, double *ret)
 	return *ret >= 0.0 && *ret <= MS_MAX ? 0 : -ERANGE;
 }
 
+static int to_percent(const char *text, double *ret)
+{
+	int r = text_to_double(text, ret);
+
+	if (r < 0)
+		return r;
+	return *ret >= 0.0 && *ret <= 100.0 ? 0 : -ERANGE;
+}
+
 static int to_fps(const char *text, double *ret)
 {
 	int r = text_to_double(text, ret);
@@ -234,6 +247,8 @@ static int take_choice(struct options *options, struct given *given, int key, co
 		return text_to_u64(value, &options->style.choice.budget_triangles);
 	case OPTION_FPS:
 		return to_fps(value, &options->fps);
+	case OPTION_ERROR:
+		return to_percent(value, &options->error_percent);
 	case OPTION_ORDER:
 		return select_order_find(value, &options->style.choice.order);
 	case OPTION_VISIBILITY:
@@ -357,6 +372,10 @@ static int judge(const struct options *options, const struct given *given)
 	if (options->fps > 0.0 && given->has_budget)
 		return wrong("%s do not go together: the frame rate sets the budget",
 			     "--fps and --budget");
+	if (options->error_percent >= 0.0 &&
+	    (given->has_mode || given->has_budget || options->fps > 0.0))
+		return wrong("%s do not go together: the chart says how it is drawn",
+			     "--error and --mode, --budget or --fps");
 	if (options->fps > 0.0 && options->style.choice.mode == WORLD_MODE_FULL)
 		return wrong("%s needs --mode approximate or conservative", "--fps");
 	if (given->speed != 1.0 && !given->path)
@@ -456,6 +475,7 @@ enum options_verdict options_read(struct options *ret, int argc, char **argv)
 				       .budget_triangles = BUDGET_DEFAULT },
 			   .deadline_ms = DEADLINE_MS_DEFAULT,
 			   .background = { 0xe9, 0xeb, 0xee } },
+		.error_percent = -1.0,
 		.repeat_count = 1,
 	};
 	struct given given = { .speed = 1.0 };
@@ -500,6 +520,27 @@ enum options_verdict options_read(struct options *ret, int argc, char **argv)
 		options.is_settled = true;
 	*ret = options;
 	return OPTIONS_RUN;
+}
+
+int options_take_drawing(struct options *options, const char *text)
+{
+	struct given ignored = { .speed = 1.0 };
+	char *copy = strdup(text);
+	char *rest = copy;
+	char *name;
+	int r = copy ? 0 : -ENOMEM;
+
+	while (r == 0 && (name = strsep(&rest, " "))) {
+		const char *value = strsep(&rest, " ");
+		int key = 0;
+
+		for (const struct option *option = long_options; option->name; option++)
+			if (strncmp(name, "--", 2) == 0 && strcmp(name + 2, option->name) == 0)
+				key = option->val;
+		r = value && key ? take_choice(options, &ignored, key, value) : -EINVAL;
+	}
+	free(copy);
+	return r == -ENOENT ? -EINVAL : r;
 }
 
 void options_done(struct options *options)

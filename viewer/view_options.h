@@ -24,8 +24,9 @@ struct options {
 	bool is_settled;
 	bool wants_json;
 	const struct preset *preset; /* NULL: none */
-	double fps;                  /* to be kept by the budget; 0: none */
-	uint64_t prefetch_bytes;     /* a frame may ask for so much ahead; 0: nothing */
+	double error_percent;    /* take the charted way that is right enough; < 0: not asked for */
+	double fps;              /* to be kept by the budget; 0: none */
+	uint64_t prefetch_bytes; /* a frame may ask for so much ahead; 0: nothing */
 	struct picture_size size;
 	bool has_size;
 	struct frame_style style;
@@ -49,6 +50,13 @@ enum options_verdict {
 
 enum options_verdict options_read(struct options *ret, int argc, char **argv);
 void options_done(struct options *options);
+
+/**
+ * Takes options of drawing over from a text, "--mode approximate --budget 100000".
+ *
+ * Returns: 0, or -EINVAL: something else stands there.
+ */
+int options_take_drawing(struct options *options, const char *text);
 
 /** Does the program end after the last picture of its own accord? */
 bool options_is_bounded(const struct options *options);

@@ -17,6 +17,7 @@
 #include "formats/base/bytes.h"
 #include "formats/base/clock.h"
 #include "formats/base/log.h"
+#include "viewer/cache_view.h"
 #include "viewer/camera_control.h"
 #include "viewer/gesture.h"
 #include "viewer/hud.h"
@@ -54,6 +55,8 @@ struct window {
 	bool must_show; /* only what lies over it would */
 	bool shows_help;
 	bool hides_hud;
+	unsigned map;                  /* 0: none; else 1 + enum birds_eye_colouring */
+	struct cache_view *cache_view; /* once it was asked for */
 	char message[WINDOW_TEXT_MESSAGE_BYTES];
 	uint64_t message_ns; /* when it came; 0: there is none */
 
@@ -284,6 +287,19 @@ static void toggle_playing(struct window *window)
 	window->play_begin_ns = 0;
 }
 
+/* From above, one colouring after the other, and none again. */
+static void change_map(struct window *window)
+{
+	if (!window->cache_view &&
+	    cache_view_create(&window->show->world, &window->cache_view, &window->why) < 0) {
+		say(window, "%s", window->why.text);
+		return;
+	}
+	window->map = (window->map + 1) % (1 + BIRDS_EYE_COLOURING_COUNT_);
+	if (window->map > 0)
+		say(window, "the cache by %s", birds_eye_colourings[window->map - 1]);
+}
+
 static void on_key_pressed(struct window *window, int key, int modifiers)
 {
 	switch (key) {
@@ -294,6 +310,9 @@ static void on_key_pressed(struct window *window, int key, int modifiers)
 	case GLFW_KEY_H:
 	case GLFW_KEY_F1:
 		window->shows_help = !window->shows_help;
+		break;
+	case GLFW_KEY_B:
+		change_map(window);
 		break;
 	case GLFW_KEY_T:
 		window->hides_hud = !window->hides_hud;
@@ -519,6 +538,10 @@ static void present(struct window *window)
 
 	glBlitNamedFramebuffer(window->target.framebuffer, 0, 0, 0, width, height, 0, 0, width,
 			       height, GL_COLOR_BUFFER_BIT, GL_NEAREST);
+	if (window->map > 0)
+		cache_view_draw(window->cache_view, &window->camera, window->show->foresight,
+				(enum birds_eye_colouring)(window->map - 1), window->target.width,
+				window->target.height);
 	add_texts(window);
 	hud_draw(window->hud, window->target.width, window->target.height);
 	glfwSwapBuffers(window->handle);
@@ -635,7 +658,7 @@ static int turn_of_loop(struct window *window)
 		window->message_ns = 0;
 		window->must_show = true;
 	}
-	if (window->shows_rate && window->now_ns - window->shown_ns > RATE_NS)
+	if ((window->shows_rate || window->map > 0) && window->now_ns - window->shown_ns > RATE_NS)
 		window->must_show = true;
 	look_for_news(window);
 	r = fit_target(window);
@@ -707,6 +730,7 @@ int window_run(struct show *show, struct why *why)
 	for (size_t i = 0; i < WORLD_STORE_COUNT_MAX; i++)
 		part_names_done(&window->part_names[i]);
 	target_done(&window->target);
+	cache_view_destroy(window->cache_view);
 	hud_destroy(window->hud);
 	free(window);
 	return r < 0 ? r : 0;

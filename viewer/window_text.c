@@ -32,6 +32,7 @@ const char window_text_help[] = "left drag      turn about the point under the c
 				"+ -            budget of triangles\n"
 				"U              colours as they are\n"
 				"P              picture into a file\n"
+				"B              the cache from above: by state, place, level\n"
 				"T              hide the numbers\n"
 				"H              these keys\n"
 				"Q              quit";

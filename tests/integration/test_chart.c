@@ -97,9 +97,18 @@ static void a_chart_says_what_every_setting_costs_and_how_wrong_it_is(void **sta
 	report = text_of(test_path(folder, "output"));
 	assert_non_null(strstr(report, "\"knee\""));
 	free(report);
-	/* For `oocview --error`. */
+	/* What it has found is there for the viewer, and only where nothing else was said. */
 	assert_int_equal(strncmp(test_folder_list(test_path(folder, "cache/oocd")), "chart-", 6),
 			 0);
+	assert_int_equal(run(folder, "oocview --headless --error 2 --mode full --screenshot s.png "
+				     "m.ooc"),
+			 2);
+	assert_int_equal(run(folder, "oocview --headless --error 2 --socket none.sock "
+				     "--screenshot s.png m.ooc"),
+			 1);
+	report = text_of(test_path(folder, "errors"));
+	assert_non_null(strstr(report, "where it was charted"));
+	free(report);
 }
 
 static void what_cannot_be_charted_is_said(void **state)

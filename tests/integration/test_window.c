@@ -89,10 +89,11 @@ static void keys_copy_the_camera_take_pictures_and_quit(void **state)
 {
 	char names[4][64];
 
-	assert_int_equal(in_a_window(*state, "--size 400x300",
-				     FIND_WINDOW
-				     "$key p ctrl+c 1 p ctrl+v p Home h h t m minus u l g p q"),
-			 0);
+	assert_int_equal(
+		in_a_window(*state, "--size 400x300",
+			    FIND_WINDOW
+			    "$key p ctrl+c 1 p ctrl+v p Home h h t m minus u l g b b b b b p q"),
+		0);
 	assert_int_equal(pictures(*state, names, 4), 4);
 	assert_false(is_same(*state, names[0], names[1]));
 	assert_true(is_same(*state, names[0], names[2]));
