@@ -174,11 +174,28 @@ static int through_frame(void *arg, const struct contest_frame *frame,
 	return r < 0 ? r : ooc_retire(self->client, self->serial);
 }
 
-/* What a daemon has in memory ends with it. */
+/* Lets go of everything and has it evicted: the daemon runs on, as it does for years. */
 static int through_forget(void *arg, struct why *why)
 {
-	through_stop(arg);
-	return through_start(arg, why);
+	struct through *self = arg;
+	const struct contest_walk *walk = self->config->walk;
+	char *text = NULL;
+	int64_t serial = ooc_visible_set(self->client, NULL, 0);
+	int r = serial < 0 ? (int)serial : ooc_wait(self->client, 1000);
+
+	self->said = NULL;
+	if (r == 0)
+		r = ooc_retire(self->client, serial);
+	if (r == 0)
+		r = ooc_steer(self->client, OOC_EVICT, NULL, NULL, 0, &text);
+	free(text);
+	if (r < 0)
+		return why_set(why, r, "%s", ooc_error_text(self->client));
+	for (size_t i = 0; i < walk->read_count; i++)
+		if (ooc_node_state(self->store, walk->node_memory[i]) != OOC_STATE_ABSENT)
+			return why_set(why, -EBUSY, "node %u is still in the cache",
+				       walk->node_memory[i]);
+	return 0;
 }
 
 const struct contestant contestant_oocd = { "oocd", through_open, through_frame, through_forget,
