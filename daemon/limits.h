@@ -45,6 +45,8 @@
 /** With 1 / this of the budget unpinned, no fill shall fail for want of a long enough window. */
 #define FRAGMENTED_SHARE 20u
 
+/** After dividing the cache, so many times as long for other things, before it is divided again. */
+#define DIVISION_PAUSE 8u
 /** How long fetches wait for holds that are about to be given up, when none is given up meanwhile. */
 #define LEAVING_MS_MAX 1000u
 /** How long a client that is asked to let go may take until it is disconnected. */

@@ -53,6 +53,41 @@ static void check_now_and_then(struct server *server)
 #endif
 }
 
+static int on_division(sd_event_source *source, uint64_t now_us, void *arg)
+{
+	(void)source;
+	(void)now_us;
+	server_active(arg);
+	return 0;
+}
+
+static void settle_later(struct server *server)
+{
+	(void)sd_event_source_set_time(server->division_source,
+				       server->division_after_ns / NS_PER_US + 1);
+	(void)sd_event_source_set_enabled(server->division_source, SD_EVENT_ONESHOT);
+}
+
+/*
+ * Dividing the cache walks all sets.  Where many clients move and want more than fits, it is done for
+ * those together that come within some multiple of the time that it takes.
+ */
+static void settle(struct server *server)
+{
+	uint64_t now_ns;
+
+	if (!room_is_unsettled(&server->room))
+		return;
+	now_ns = clock_now_ns();
+	if (server->room.divided && now_ns < server->division_after_ns) {
+		settle_later(server);
+		return;
+	}
+	division_settle(&server->room);
+	server->division_after_ns = clock_now_ns();
+	server->division_after_ns += (server->division_after_ns - now_ns) * DIVISION_PAUSE;
+}
+
 static int on_round(sd_event_source *source, void *arg)
 {
 	struct server *server = arg;
@@ -60,15 +95,15 @@ static int on_round(sd_event_source *source, void *arg)
 
 	(void)source;
 	if (!server->stopping) {
-		division_settle(&server->room);
+		settle(server);
 		LIST_FOR_EACH (link, &server->sessions)
 			session_retry(LIST_ENTRY(link, struct session, link));
 		takeover_pump(server->takeover);
 		residents_retry(&server->residents);
 		queues_pump(&server->queues);
-		/* A segment is to be drained: its holders are told in the next round. */
+		/* A segment is to be drained: its holders are told soon. */
 		if (room_is_unsettled(&server->room))
-			server_active(server);
+			settle_later(server);
 	}
 	fetch_flush(server->fetch);
 	used_bytes = cache_used_bytes(&server->cache);
@@ -448,6 +483,9 @@ static int add_sources(struct server *server)
 	if (r >= 0)
 		r = sd_event_now(event, CLOCK_MONOTONIC, &now_us);
 	if (r >= 0)
+		r = sd_event_add_time(event, &server->division_source, CLOCK_MONOTONIC, 0, 1,
+				      on_division, server);
+	if (r >= 0)
 		r = sd_event_add_time(event, &server->tick_source, CLOCK_MONOTONIC,
 				      now_us + TICK_US, TICK_ACCURACY_US, on_tick, server);
 	if (r >= 0)
@@ -563,6 +601,7 @@ struct server *server_destroy(struct server *server)
 	(void)sd_event_source_disable_unref(server->fetch_source);
 	(void)sd_event_source_disable_unref(server->workers_source);
 	(void)sd_event_source_disable_unref(server->round_source);
+	(void)sd_event_source_disable_unref(server->division_source);
 	(void)sd_event_source_disable_unref(server->tick_source);
 	(void)sd_event_unref(server->event);
 	listener_close(&server->listener);

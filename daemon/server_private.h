@@ -50,10 +50,12 @@ struct server {
 	sd_event_source *fetch_source;
 	sd_event_source *workers_source;
 	sd_event_source *round_source; /* runs when the events that are pending have been handled */
+	sd_event_source *division_source;
 	sd_event_source *tick_source;
 
 	struct cache cache;
 	struct room room;
+	uint64_t division_after_ns; /* the next one, at the earliest */
 	struct fetch *fetch;
 	struct workers *workers;
 	struct fills *fills;

@@ -208,6 +208,70 @@ static void a_crowd_that_wants_three_times_the_cache_settles_and_reads_no_more(v
 	assert_int_equal(kit_daemon_stop(&daemon, SIGTERM), 0);
 }
 
+/* ---- prefetches ---- */
+
+static void send_prefetch(struct kit_client *client, uint32_t first, uint32_t count)
+{
+	_Alignas(8) uint8_t bytes[WIRE_MESSAGE_BYTES_MAX];
+	struct wire_prefetch *message = (struct wire_prefetch *)(void *)bytes;
+
+	message->entry_count = kit_entries(&client->stores[0], 0, first, count, message->entries);
+	message->reserved = 0;
+	wire_header_init(&message->header, WIRE_PREFETCH,
+			 sizeof(*message) + message->entry_count * sizeof(message->entries[0]));
+	kit_send(client, message, message->header.bytes, -1);
+}
+
+/* What was prefetched when nothing is read any more. */
+static uint64_t prefetched(struct kit_client *client)
+{
+	kit_await_number(client, "fills_in_flight", 0);
+	return kit_status_number(client, "prefetches");
+}
+
+static void a_frame_s_prefetches_are_capped_and_take_nothing_that_is_held(void **state)
+{
+	static struct wire_entry entries[ENTRIES_MAX];
+	const struct account_policy policies[] = { { .uid = getuid(),
+						     .prefetch_bytes_max = 200 * KIB } };
+	struct server_config config = kit_config();
+	const char *path = make_store(*state);
+	struct kit_client *client;
+	struct kit_daemon daemon;
+	struct kit_store *store;
+	uint64_t capped;
+	uint32_t count;
+
+	config.cache_bytes = 2 * MIB;
+	config.policies = policies;
+	config.policy_count = 1;
+	kit_daemon_start(*state, &config, &daemon);
+	client = kit_hello(&daemon);
+	store = kit_open(client, 0, path);
+	/* All of what the policy allows, and no more until a new list or a new set comes. */
+	send_prefetch(client, 100, 100);
+	capped = prefetched(client);
+	assert_in_range(capped * store->superblock->payload_bytes_max, 150 * KIB, 220 * KIB);
+	assert_int_equal(prefetched(client), capped);
+	count = kit_entries(store, 0, 0, 20, entries);
+	kit_set(client, entries, count, WIRE_SET_RETIRE);
+	kit_settle(client);
+	assert_int_equal(prefetched(client), 2 * capped);
+	/* What is there or on its way is not asked for again. */
+	send_prefetch(client, 100, 2 * (uint32_t)capped);
+	assert_int_equal(prefetched(client), 2 * capped);
+	/* Far more than the cache has, a frame after the other: nothing that is held goes. */
+	for (uint32_t i = 0; i < 20; i++) {
+		send_prefetch(client, 150 + 10 * i, 100);
+		(void)prefetched(client);
+		assert_int_equal(kit_count_drawable(store), count);
+	}
+	assert_true(kit_status_number(client, "evictions") > 0);
+	assert_int_equal(kit_status_number(client, "revocations"), 0);
+	kit_disconnect(client);
+	assert_int_equal(kit_daemon_stop(&daemon, SIGTERM), 0);
+}
+
 /* ---- leases ---- */
 
 /*
@@ -317,6 +381,7 @@ int main(void)
 		SHARING_TEST(a_user_over_its_cap_is_told_so_and_another_still_connects),
 		SHARING_TEST(a_user_may_have_hundreds_of_clients),
 		SHARING_TEST(a_crowd_that_wants_three_times_the_cache_settles_and_reads_no_more),
+		SHARING_TEST(a_frame_s_prefetches_are_capped_and_take_nothing_that_is_held),
 		SHARING_TEST(a_stopped_client_loses_what_others_need),
 		SHARING_TEST(a_stopped_client_is_left_in_peace_while_there_is_room),
 	};
