@@ -26,6 +26,7 @@ struct connection {
 	sd_event_source *break_source;
 	int socket_fd;
 	int peer_fd;
+	bool peer_by_number; /* peer_fd is of the process that has the peer's number now */
 	struct ucred peer;
 	_Atomic uint64_t *message_count;
 	bool broken;
@@ -127,13 +128,14 @@ static int on_socket(sd_event_source *source, int fd, uint32_t events, void *arg
  * From 6.5 on the kernel says which process connected, without the race of the second way: a pid may
  * be another process's by now.  Then its death would not be seen here, but by hang-up.
  */
-static int open_peer(const struct connection *connection)
+static int open_peer(struct connection *connection)
 {
 	socklen_t length = sizeof(int);
 	int fd = -1;
 
 	if (getsockopt(connection->socket_fd, SOL_SOCKET, SO_PEERPIDFD, &fd, &length) == 0)
 		return fd;
+	connection->peer_by_number = true;
 	return pidfd_open(connection->peer.pid, 0);
 }
 
@@ -240,6 +242,11 @@ bool connection_is_quiet(struct connection *connection)
 	/* The client writes to its socket, then reads shared memory; here it is the other way round. */
 	atomic_thread_fence(memory_order_seq_cst);
 	return poll(&poll_fd, 1, 0) == 0;
+}
+
+bool connection_knows_peer(const struct connection *connection)
+{
+	return !connection->peer_by_number;
 }
 
 pid_t connection_pid(const struct connection *connection)

@@ -74,6 +74,8 @@ void connection_want_send(struct connection *connection);
  */
 bool connection_is_quiet(struct connection *connection);
 
+/** Is it surely the peer whose death is watched?  Before Linux 6.5 it is only who has its number. */
+bool connection_knows_peer(const struct connection *connection);
 pid_t connection_pid(const struct connection *connection);
 uid_t connection_uid(const struct connection *connection);
 /** Why it was broken from our side, an errno; 0: the client hung up, or nothing was broken yet. */

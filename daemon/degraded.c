@@ -132,6 +132,18 @@ static void tell_huge_pages(const struct teller *teller)
 		     (unsigned long long)(could_bytes / MIB));
 }
 
+static void tell_peers(const struct teller *teller)
+{
+	LIST_FOR_EACH (link, &teller->server->sessions) {
+		if (connection_knows_peer(LIST_ENTRY(link, struct session, link)->connection))
+			continue;
+		TELL(teller, "this kernel does not say for sure which process a client is: the "
+			     "death of one whose child keeps the socket may be missed: run Linux "
+			     "6.5 or newer");
+		return;
+	}
+}
+
 void server_degraded(const struct server *server,
 		     bool (*sees)(const void *arg, const struct served *served), degraded_fn tell,
 		     void *arg)
@@ -142,6 +154,7 @@ void server_degraded(const struct server *server,
 	tell_memory(&teller);
 	tell_records(&teller);
 	tell_restart(&teller);
+	tell_peers(&teller);
 	LIST_FOR_EACH (link, &server->cache.stores) {
 		const struct served *served = LIST_ENTRY(link, struct served, link);
 

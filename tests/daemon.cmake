@@ -52,6 +52,9 @@ endif()
 
 oocd_test(test_hostile integration SOURCES integration/test_hostile.c LINK oocd_daemon_kit)
 oocd_test(test_ring unit SOURCES unit/test_ring.c LINK oocd_core oocd_test_helper PkgConfig::URING)
+oocd_test(test_daemon_memory fault SOURCES fault/test_daemon_memory.c LINK oocd_daemon_kit)
+target_link_options(test_daemon_memory PRIVATE
+	-Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc,--wrap=open_memstream)
 oocd_test(test_crowd stress SOURCES stress/test_crowd.c LINK oocd_test_helper
 	NEEDS oocbench oocd)
 

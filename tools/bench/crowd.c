@@ -298,7 +298,8 @@ static void look_at_life(struct crowd *crowd, uint64_t now_ns)
 	struct crowd_result *result = crowd->result;
 	struct footprint now = footprint_of(crowd);
 
-	if (now_ns - crowd->life_begin_ns < EARLY_NS)
+	if (now_ns - crowd->life_begin_ns < EARLY_NS ||
+	    atomic_load(&crowd->shared->connected) < crowd->config->client_count)
 		return;
 	if (!crowd->has_early)
 		crowd->early = now;
