@@ -24,7 +24,7 @@
 
 #define REPEATS_MAX 100u
 /** Where the walk is larger than memory: what oocd and memcached need beside their cache. */
-#define BESIDE_BYTES (40 * MIB)
+#define BESIDE_BYTES (24 * MIB)
 /** Part of the crowd's sets that is new each frame. */
 #define CROWD_SHARE 10u
 
