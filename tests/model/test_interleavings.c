@@ -6,7 +6,7 @@
  * every step is taken in turn, from each state that gives again, until no state is new; breadth
  * first, so that the way to a violation is the shortest.
  *
- * OOCD_MODEL_WHOLE makes the world as large as it can be: a minute or two, and 4 GiB.
+ * OOCD_MODEL_WHOLE makes the world as large as it can be: some minutes.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -165,7 +165,8 @@ static void explore(uint32_t room_pages)
 	free(search.slots);
 	/* Every kind of step was possible: nothing was left out by a mistake of the world. */
 	for (uint32_t kind = 0; kind < STEP_KIND_COUNT_; kind++)
-		if (search.taken[kind] == 0)
+		/* With room for all nobody is given up for. */
+		if (search.taken[kind] == 0 && (kind != STEP_GIVE_UP || room_pages == 1))
 			fail_msg("no step of kind %u was ever possible", kind);
 }
 
