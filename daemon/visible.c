@@ -474,7 +474,9 @@ static void want_check(const struct visible *visible, uint32_t index)
 	CHECK(visible->undecided || want->missed == (want->state == WANT_QUEUED));
 	switch (want->state) {
 	case WANT_QUEUED:
-		CHECK(!want->holding && index >= visible->next_queued);
+		/* Until it is decided a new set's wants have the holds of the set before. */
+		CHECK(!want->holding || want->revoked || visible->undecided);
+		CHECK(index >= visible->next_queued);
 		break;
 	case WANT_WAITING:
 		CHECK(want->holding && !want->revoked && state == NODE_BUSY);

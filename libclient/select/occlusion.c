@@ -119,6 +119,8 @@ static int tester_remain(void *context, const uint32_t *nodes, size_t node_count
 
 	for (size_t i = 0; i < node_count; i++)
 		node_end = nodes[i] >= node_end ? nodes[i] + 1 : node_end;
+	if (node_count == 0)
+		return 0;
 	if (seen_reserve(occlusion, node_end) < 0)
 		return -ENOMEM;
 	memset(occlusion->seen, 0, node_end);

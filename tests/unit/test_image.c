@@ -272,10 +272,11 @@ static void statistics_are_rows_and_a_summary(void **state)
 	assert_true(bytes > 0);
 	assert_memory_equal(csv,
 			    "frame,t,ms,nodes_wanted,nodes_drawn,nodes_missing,triangles,"
-			    "bytes_fetched,bytes_prefetched\n"
-			    "0,0,3.000,5,4,1,77,10,20\n"
-			    "1,0.5,2.000,5,4,1,77,10,20\n"
-			    "2,1,1.000,5,4,1,77,10,20\n",
+			    "bytes_fetched,bytes_prefetched,way,budget,selection_ms,nodes_visited,"
+			    "waited_ms,order,nodes_shown,rounds,boxes_tested,queries,incomplete\n"
+			    "0,0,3.000,5,4,1,77,10,20,full,0,0.000,0,0.000,,0,0,0,0,0\n"
+			    "1,0.5,2.000,5,4,1,77,10,20,full,0,0.000,0,0.000,,0,0,0,0,0\n"
+			    "2,1,1.000,5,4,1,77,10,20,full,0,0.000,0,0.000,,0,0,0,0,0\n",
 			    bytes);
 	free(csv);
 	out = open_memstream(&json, &bytes);
