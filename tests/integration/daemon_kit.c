@@ -14,6 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/prctl.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <sys/wait.h>
@@ -81,6 +82,8 @@ void kit_daemon_start_prepared(const char *folder, const struct server_config *c
 	ret->pid = fork();
 	assert_true(ret->pid >= 0);
 	if (ret->pid == 0) {
+		/* A test that fails leaves no daemon behind, which would keep its output open. */
+		(void)prctl(PR_SET_PDEATHSIG, SIGKILL);
 		(void)close(ready[0]);
 		if (prepare)
 			prepare();

@@ -248,6 +248,9 @@ static void a_frame_s_prefetches_are_capped_and_take_nothing_that_is_held(void *
 	kit_daemon_start(*state, &config, &daemon);
 	client = kit_hello(&daemon);
 	store = kit_open(client, 0, path);
+	/* A prefetch that waits for the first segment to be made would look like one that is over. */
+	kit_set(client, entries, kit_entries(store, 0, 0, 1, entries), WIRE_SET_RETIRE);
+	kit_settle(client);
 	/* All of what the policy allows, and no more until a new list or a new set comes. */
 	send_prefetch(client, 100, 100);
 	capped = prefetched(client);
