@@ -6,6 +6,7 @@
  * time; requests are served in the order given.  Requests that follow each other in the file as they
  * do in that order share a piece, for a read costs the processor more than its bytes do; where such a
  * piece fails, each of them is read again by itself, so that no request fails for another's block.
+ * A queue that was full is filled again when half of it is free, so that pieces go out together.
  * Short reads, EINTR and EAGAIN are not errors and are bounded.  It does not look at the bytes and
  * does not know what they are for.
  *
@@ -110,7 +111,7 @@ struct fetch_request {
  */
 int fetch_start(struct fetch *fetch, const struct fetch_request *request);
 
-/** Hands what was started to the kernel: once a round of the loop. */
+/** Hands what was started to the kernel: once a round of the loop, and after fetch_dispatch(). */
 void fetch_flush(struct fetch *fetch);
 
 /**
@@ -139,7 +140,7 @@ uint64_t fetch_read_bytes(const struct fetch *fetch);
 /** Readable when fetch_dispatch() has something to do. */
 int fetch_fd(const struct fetch *fetch);
 
-/** Handles what has come back; calls done. */
+/** Handles what has come back; calls done.  What can begin then goes out with fetch_flush(). */
 void fetch_dispatch(struct fetch *fetch);
 
 #endif /* DAEMON_FETCH_H */

@@ -20,7 +20,7 @@
 enum fill_state {
 	FILL_UNUSED = 0, /* on fills.unused */
 	FILL_READING,    /* with the fetch layer; its destination belongs to the kernel */
-	FILL_VERIFYING,  /* with a worker, which reads the source and writes the destination */
+	FILL_VERIFYING, /* on fills.read; then a worker's, who reads the source, writes the payload */
 };
 
 #define NO_STAGING UINT32_MAX
@@ -68,6 +68,7 @@ struct fills {
 	struct fill_times times;
 	uint32_t count;
 	struct list unused;
+	struct list read; /* what fills_verify() is to see to */
 	struct fill fills[FILL_COUNT_MAX];
 };
 
@@ -84,6 +85,7 @@ int fills_create(struct cache *cache, struct workers *workers, fills_ended_fn en
 	fills->ended_arg = ended_arg;
 	fills->staging.buffer = FETCH_BUFFER_NONE;
 	list_init(&fills->unused);
+	list_init(&fills->read);
 	for (uint32_t i = 0; i < FILL_COUNT_MAX; i++)
 		list_push_back(&fills->unused, &fills->fills[i].link);
 	*ret = fills;
@@ -244,7 +246,7 @@ static void fill_end(struct fill *fill, int error)
 			result.reason == WIRE_REASON_DAMAGED);
 }
 
-/* On a worker. */
+/* On a worker; or on the loop thread, without scratch memory, where nothing is to be decoded. */
 static void verify_run(struct worker_job *job, struct codec_scratch *scratch)
 {
 	struct fill *fill = LIST_ENTRY(job, struct fill, job);
@@ -300,7 +302,37 @@ void fills_read_done(void *arg, uint64_t tag, int error)
 	}
 	fill->served->counters.read_bytes += fill->record->stored_bytes;
 	fill->state = FILL_VERIFYING;
-	workers_add(fills->workers, &fill->job);
+	list_push_back(&fills->read, &fill->link);
+}
+
+void fills_verify(struct fills *fills)
+{
+	uint64_t here_bytes = 0;
+	struct list here;
+
+	if (list_is_empty(&fills->read))
+		return;
+	list_init(&here);
+	LIST_FOR_EACH (link, &fills->read) {
+		struct fill *fill = LIST_ENTRY(link, struct fill, link);
+
+		list_remove(link);
+		if (fill->job.is_short &&
+		    here_bytes + fill->record->stored_bytes <= VERIFY_HERE_BYTES) {
+			here_bytes += fill->record->stored_bytes;
+			list_push_back(&here, link);
+		} else {
+			workers_add(fills->workers, &fill->job);
+		}
+	}
+	workers_flush(fills->workers);
+	LIST_FOR_EACH (link, &here) {
+		struct fill *fill = LIST_ENTRY(link, struct fill, link);
+
+		list_remove(link);
+		verify_run(&fill->job, NULL);
+		verify_done(&fill->job);
+	}
 }
 
 /* ---- a fill's begin ---- */

@@ -11,7 +11,10 @@
  * Every payload is verified at every read: checksum with the payload's identity, decoding, and the
  * structure as a whole, so that clients draw it without a check.  Nothing else is ever published.
  *
- * Threads: loop thread; the verification runs on a worker and touches only its fill.
+ * A few payloads are verified at once, for handing them to another thread and being woken for the
+ * answer costs as much time again; what is more, or has to be decoded, the workers do.
+ *
+ * Threads: loop thread; on a worker the verification touches only its fill.
  */
 #ifndef DAEMON_FILLS_H
 #define DAEMON_FILLS_H
@@ -51,6 +54,8 @@ struct fills *fills_destroy(struct fills *fills);
 /** The fetch layer, whose done function is fills_read_done() with the fills as argument. */
 void fills_set_fetch(struct fills *fills, struct fetch *fetch);
 void fills_read_done(void *fills, uint64_t tag, int error);
+/** Verifies what was read, or has the workers do it: after the fetch layer was dispatched. */
+void fills_verify(struct fills *fills);
 
 /** Room for the coded payloads of a store, before its nodes are filled.  Returns: 0 or -ENOMEM. */
 int fills_prepare(struct fills *fills, const struct served *served, struct why *why);

@@ -62,12 +62,16 @@
 #define FETCH_PART_COUNT_MAX 32u
 #define FETCH_DEPTH_USUAL    16u
 #define FETCH_DEPTH_MAX      256u
+/** Once the queue was full it is filled again when this part of it is free. */
+#define FETCH_REFILL_SHARE 2u
 /** Requests that take turns with their pieces; no more is begun while so many are half begun. */
 #define FETCH_WAITING_MAX 4u
 /** Of the queue, what one client's reads may take when others read as well: all but 1 / this. */
 #define FETCH_RESERVE_SHARE 4u
 /** Times that one piece may come back without progress. */
 #define FETCH_RETRY_MAX 8u
+/** Bytes that the loop verifies itself in a round, some 0.2 ms; more is for the workers. */
+#define VERIFY_HERE_BYTES (2u * MIB)
 /** Room for coded payloads on their way: twice the largest one at least. */
 #define STAGING_BYTES_MIN (8u * MIB)
 /** Prefetched bytes on their way: what a fetch may have to wait behind. */

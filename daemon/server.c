@@ -333,8 +333,8 @@ static int on_listen(sd_event_source *source, int listen_fd, uint32_t events, vo
 
 /*
  * Reads that have ended and payloads that were judged, whichever of the two woke us: under load there
- * are always both, and each wake-up costs.  The next reads go out at once, so that the disk does not
- * wait for the rest of the round.
+ * are always both, and each wake-up costs.  The next reads go out first, so that the disk does not wait
+ * for the verification.
  */
 static int on_reads(sd_event_source *source, int fd, uint32_t events, void *arg)
 {
@@ -344,11 +344,11 @@ static int on_reads(sd_event_source *source, int fd, uint32_t events, void *arg)
 	(void)fd;
 	(void)events;
 	fetch_dispatch(server->fetch);
-	workers_flush(server->workers);
-	workers_dispatch(server->workers);
 	if (!server->stopping)
 		queues_pump(&server->queues);
 	fetch_flush(server->fetch);
+	fills_verify(server->fills);
+	workers_dispatch(server->workers);
 	server_active(server);
 	return 0;
 }
@@ -573,7 +573,8 @@ static void drain(struct server *server)
 			continue;
 		if (fds[0].revents)
 			fetch_dispatch(server->fetch);
-		workers_flush(server->workers);
+		fetch_flush(server->fetch);
+		fills_verify(server->fills);
 		if (fds[1].revents)
 			workers_dispatch(server->workers);
 	}

@@ -128,6 +128,7 @@ static void reader_wait(struct reader *reader, uint32_t count)
 
 		assert_int_equal(poll(&fd, 1, 20000), 1);
 		fetch_dispatch(reader->fetch);
+		fetch_flush(reader->fetch);
 		assert_true(fetch_in_flight(reader->fetch) <= 8);
 	}
 	assert_int_equal(fetch_in_flight(reader->fetch), 0);
@@ -370,6 +371,37 @@ static void a_device_that_never_gets_anywhere_ends_in_an_error(void **state)
 	reader_done(&reader);
 }
 
+static void a_queue_that_was_full_is_filled_again_when_half_of_it_is_free(void **state)
+{
+	struct reader reader;
+	uint32_t refill_count = 0;
+	uint32_t before = 8;
+
+	(void)state;
+	assert_true(reader_init(&reader, FETCH_SIM,
+				(struct fetch_sim){ .seed = 6, .delay_permille = 700 }));
+	for (uint32_t i = 0; i < REQUEST_COUNT; i++)
+		reader_start(&reader, i, (uint64_t)i * 3 * STORE_BLOCK_BYTES, STORE_BLOCK_BYTES);
+	assert_int_equal(fetch_in_flight(reader.fetch), 8);
+	while (reader.over_count + before < REQUEST_COUNT) {
+		uint32_t ended = reader.over_count;
+		uint32_t now;
+
+		fetch_dispatch(reader.fetch);
+		ended = reader.over_count - ended;
+		now = fetch_in_flight(reader.fetch);
+		if (before - ended > 4)
+			assert_int_equal(now, before - ended);
+		else
+			assert_int_equal(now, u64_min(8, REQUEST_COUNT - reader.over_count));
+		refill_count += now > before - ended;
+		before = now;
+	}
+	assert_true(refill_count > 0 && refill_count < REQUEST_COUNT / 4);
+	reader_wait(&reader, REQUEST_COUNT);
+	reader_done(&reader);
+}
+
 static void one_failed_piece_fails_its_request_and_no_other(void **state)
 {
 	uint32_t failed = 0;
@@ -466,6 +498,7 @@ int main(void)
 		cmocka_unit_test(who_shares_a_read_that_fails_is_read_again_alone),
 		cmocka_unit_test(the_end_of_the_file_fails_only_who_asks_beyond_it),
 		cmocka_unit_test(a_device_that_never_gets_anywhere_ends_in_an_error),
+		cmocka_unit_test(a_queue_that_was_full_is_filled_again_when_half_of_it_is_free),
 		cmocka_unit_test(one_failed_piece_fails_its_request_and_no_other),
 		cmocka_unit_test(requests_beyond_the_table_are_refused),
 		cmocka_unit_test(destroying_waits_for_what_is_in_flight),

@@ -184,7 +184,7 @@ static void run_once(struct fixture *fixture)
 	assert_true(poll(fds, 2, 20000) > 0);
 	if (fds[0].revents)
 		fetch_dispatch(fixture->fetch);
-	workers_flush(fixture->workers);
+	fills_verify(fixture->fills);
 	if (fds[1].revents)
 		workers_dispatch(fixture->workers);
 	pump(fixture);

@@ -187,7 +187,8 @@ static void run_once(struct fixture *fixture)
 	assert_true(poll(fds, 2, 20000) > 0);
 	if (fds[0].revents)
 		fetch_dispatch(fixture->fetch);
-	workers_flush(fixture->workers);
+	fetch_flush(fixture->fetch);
+	fills_verify(fixture->fills);
 	if (fds[1].revents)
 		workers_dispatch(fixture->workers);
 }
@@ -322,6 +323,17 @@ static void a_set_becomes_drawable_and_complete(void **state)
 	assert_int_equal(fixture->served->counters.misses, 20);
 	for (uint32_t i = 0; i < 20; i++)
 		assert_true(is_granted(fixture, 0, i));
+}
+
+static void a_few_payloads_are_verified_without_a_worker_and_coded_ones_with(void **state)
+{
+	struct fixture *fixture = *state;
+	bool is_coded = fixture->served->records[fixture->nodes[0]].codec != STORE_CODEC_NONE;
+
+	take(fixture, 0, 0, 3, true);
+	settle(fixture, &fixture->visible[0]);
+	assert_int_equal(visible_missing_count(&fixture->visible[0]), 0);
+	assert_int_equal(workers_ended_count(fixture->workers), is_coded ? 3 : 0);
 }
 
 static void a_hit_is_granted_at_once_and_overtakes_misses(void **state)
@@ -776,6 +788,10 @@ int main(void)
 		VISIBLE_TEST(a_set_becomes_drawable_and_complete),
 		cmocka_unit_test_setup_teardown(a_set_becomes_drawable_and_complete, setup_coded,
 						teardown),
+		VISIBLE_TEST(a_few_payloads_are_verified_without_a_worker_and_coded_ones_with),
+		cmocka_unit_test_setup_teardown(
+			a_few_payloads_are_verified_without_a_worker_and_coded_ones_with,
+			setup_coded, teardown),
 		VISIBLE_TEST(a_hit_is_granted_at_once_and_overtakes_misses),
 		VISIBLE_TEST(two_sessions_share_one_read),
 		VISIBLE_TEST(what_a_set_drops_is_given_back_with_the_retire_flag),
