@@ -182,6 +182,7 @@ static void begin_drawing(struct box_test *test, GLuint program, const struct bo
 	glDepthMask(GL_FALSE);
 	glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
 	glEnable(GL_CULL_FACE);
+	glDisable(GL_POLYGON_OFFSET_FILL); /* it would hide them */
 	/*
 	 * Every ray from the eye enters a box that the eye is not in through a side towards the eye,
 	 * and that side may lie before the near plane: it is drawn there, as near as can be.
@@ -193,6 +194,7 @@ static void end_drawing(void)
 {
 	glDisable(GL_DEPTH_CLAMP);
 	glDisable(GL_CULL_FACE);
+	glEnable(GL_POLYGON_OFFSET_FILL);
 	glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
 	glDepthMask(GL_TRUE);
 	glDepthFunc(GL_GREATER);

@@ -8,7 +8,8 @@
  *
  * Conservative: a box is drawn larger by a quarter of a pixel where it is farthest, so that neither the
  * snapping of its corners nor a rounding of its depth can hide what lies in it, and a box at the same
- * depth as a surface shows.  A box may reach behind the eye; one that the eye is in shows.
+ * depth as a surface shows.  That no triangle is drawn nearer than its corners is the polygon offset's
+ * doing (libclient/select/raster.h), which boxes go without.  A box may reach behind the eye; one that the eye is in shows.
  *
  * Threads: the GL thread.
  */

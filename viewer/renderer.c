@@ -10,6 +10,7 @@
 
 #include "formats/base/bytes.h"
 #include "formats/base/check.h"
+#include "libclient/select/raster.h"
 #include "viewer/shader.h"
 
 /*
@@ -186,6 +187,9 @@ void renderer_begin(struct renderer *renderer, const struct render_style *style)
 	case CHANNEL_COUNT_:
 		CHECK(!"a channel");
 	}
+	/* Conservative frames rely on it: raster.h says why. */
+	glPolygonOffset(RASTER_DEPTH_OFFSET, 0.0f);
+	glEnable(GL_POLYGON_OFFSET_FILL);
 	glUseProgram(renderer->program);
 	glUniform4f(LOCATION_TILE, style->tile.scale_x, style->tile.scale_y, style->tile.shift_x,
 		    style->tile.shift_y);

@@ -14,7 +14,8 @@
  * GL leaves much of this free.  Where it does, this is what Mesa's llvmpipe does with a framebuffer
  * object (Y upwards), so that pictures can be compared: positions are rounded to nearest (even) on
  * the subpixel grid, depth is a plane through the unrounded float vertices, clipping is by the six
- * planes in turn and the polygon is a fan about its first vertex.  Where llvmpipe rounds a * b + c
+ * planes in turn and the polygon is a fan about its first vertex; the polygon offset comes from a
+ * gradient of its own, rounded otherwise than that of the plane, and is added last.  Where llvmpipe rounds a * b + c
  * once (FMA), a product in double, which is exact, is rounded after the sum.
  */
 
@@ -225,6 +226,7 @@ struct edge {
 
 struct plane {
 	float at_zero, per_x, per_y;
+	float offset; /* RASTER_DEPTH_OFFSET of it */
 };
 
 /* From v0 to v1, the inside to its left; shared edges belong to the triangle right of or above them. */
@@ -248,8 +250,11 @@ static struct plane depth_plane(const struct vertex *v0, const struct vertex *v1
 	float reciprocal = 1.0f / (dx01 * dy20 - dy01 * dx20);
 	float dz01 = v0->z - v1->z;
 	float dz20 = v2->z - v0->z;
+	float steep_x = fabsf((dz20 * dy01 - dy20 * dz01) * reciprocal);
+	float steep_y = fabsf((dx20 * dz01 - dz20 * dx01) * reciprocal);
 	struct plane plane;
 
+	plane.offset = RASTER_DEPTH_OFFSET * (steep_x > steep_y ? steep_x : steep_y);
 	dx01 *= reciprocal;
 	dy01 *= reciprocal;
 	dx20 *= reciprocal;
@@ -284,7 +289,7 @@ static inline float depth_at(const struct plane *plane, int32_t x, int32_t y)
 {
 	float row = multiply_add(plane->per_x, (float)x, plane->at_zero);
 
-	return multiply_add(plane->per_y, (float)y, row);
+	return multiply_add(plane->per_y, (float)y, row) + plane->offset;
 }
 
 static void fill_narrow(struct raster *raster, const struct edge edges[3],

@@ -20,6 +20,17 @@
 
 #define RASTER_ITEM_NONE UINT64_MAX
 
+/**
+ * Depth is pushed back by so many pixels of its steepest slope: glPolygonOffset()'s factor.
+ *
+ * Depth is a plane through the vertices, but the pixels are those of the vertices as they are snapped,
+ * up to half a subpixel away on each axis.  There the plane of a triangle seen edge-on reaches beyond
+ * its own depths without a bound, so that it would show before the box that holds it.  A subpixel of
+ * the steepest slope takes that back: no pixel is nearer than the nearest vertex.  A second one is for
+ * the rounding of the plane.
+ */
+#define RASTER_DEPTH_OFFSET (-0x1p-7f)
+
 struct raster;
 
 /** Returns: 0, -EINVAL (a side is 0 or above 16384) or -ENOMEM. */

@@ -123,6 +123,8 @@ static int gl_setup(void **state)
 	glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
 	glEnable(GL_DEPTH_TEST);
 	glDepthFunc(GL_GREATER);
+	glPolygonOffset(RASTER_DEPTH_OFFSET, 0.0f);
+	glEnable(GL_POLYGON_OFFSET_FILL);
 	return glGetError() == GL_NO_ERROR ? 0 : -1;
 }
 

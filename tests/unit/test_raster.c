@@ -390,6 +390,62 @@ static void every_pixel_shows_what_its_ray_hits_or_is_a_subpixel_from_it(void **
 	assert_true(different * 100 < covered);
 }
 
+/* Three points that are on a line as the eye sees them, but for so many pixels. */
+static void sliver_make(const struct camera_view *view, double pixels, float positions[9],
+			float *ret_nearest)
+{
+	double ray[2][3];
+
+	for (int side = 0; side < 2; side++)
+		for (int k = 0; k < 3; k++)
+			ray[side][k] = view->forward[k] +
+				       view->right[k] * 0.9 * (2.0 * random_unit() - 1.0) +
+				       view->up[k] * 0.9 * (2.0 * random_unit() - 1.0);
+	*ret_nearest = 0.0f;
+	for (int c = 0; c < 3; c++) {
+		double along = random_unit();
+		double aside = pixels * (random_unit() - 0.5) * 2.0 / SIDE;
+		double distance = 2.0 + 20.0 * random_unit();
+		double w = 0.0;
+
+		for (int k = 0; k < 3; k++) {
+			double at = distance * (ray[0][k] + along * (ray[1][k] - ray[0][k]) +
+						aside * view->up[k]);
+
+			positions[3 * c + k] = (float)rint(at / (double)STEP);
+			w += view->forward[k] * (double)positions[3 * c + k] * (double)STEP;
+		}
+		*ret_nearest = fmaxf(*ret_nearest, (float)(view->near / w));
+	}
+}
+
+/* Without RASTER_DEPTH_OFFSET some are, by more than all the depths that they have. */
+static void a_triangle_seen_edge_on_is_nowhere_nearer_than_its_nearest_corner(void **state)
+{
+	struct raster *raster = raster_new(SIDE, SIDE);
+	struct camera_view view = screen_view();
+	uint32_t covered = 0;
+
+	(void)state;
+	random_state = 5;
+	for (unsigned turn = 0; turn < 4000; turn++) {
+		uint32_t indices[] = { 0, 1, 2 };
+		float positions[9];
+		const struct soup soup = { positions, indices, 1 };
+		float nearest;
+
+		sliver_make(&view, turn % 2 == 0 ? 0.0 : 0.1, positions, &nearest);
+		raster_clear(raster);
+		soup_draw(raster, &view, &soup, no_origin);
+		for (uint32_t i = 0; i < SIDE * SIDE; i++) {
+			assert_true(raster_depths(raster)[i] <= nearest * 1.00001f);
+			covered += raster_items(raster)[i] == 0;
+		}
+	}
+	assert_true(covered > 100);
+	raster_destroy(raster);
+}
+
 static void a_scene_moved_far_from_the_origin_gives_the_same_picture(void **state)
 {
 	struct raster *first = raster_new(SIDE, SIDE);
@@ -512,6 +568,7 @@ int main(void)
 		cmocka_unit_test(the_larger_depth_wins_and_a_tie_goes_to_the_lower_item),
 		cmocka_unit_test(both_sides_are_drawn_and_the_top_row_comes_first),
 		cmocka_unit_test(every_pixel_shows_what_its_ray_hits_or_is_a_subpixel_from_it),
+		cmocka_unit_test(a_triangle_seen_edge_on_is_nowhere_nearer_than_its_nearest_corner),
 		cmocka_unit_test(a_scene_moved_far_from_the_origin_gives_the_same_picture),
 		cmocka_unit_test(a_vertex_lands_on_the_same_bits_from_any_payload),
 		cmocka_unit_test(positions_beyond_all_floats_draw_nothing_and_harm_nothing),
