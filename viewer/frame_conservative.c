@@ -23,6 +23,7 @@ struct frame_conservative *frame_conservative_destroy(struct frame_conservative 
 	free(self->fine.boxes);
 	free(self->fine.of);
 	free(self->fine.shows);
+	glDeleteQueries(1, &self->tie_query);
 	glDeleteFramebuffers(1, &self->framebuffer);
 	glDeleteRenderbuffers(1, &self->seen);
 	box_test_destroy(self->boxes);
@@ -61,6 +62,7 @@ static int create(struct frame *frame, struct frame_conservative **ret, struct w
 		frame_conservative_destroy(self);
 		return r;
 	}
+	glGenQueries(1, &self->tie_query);
 	*ret = self;
 	return 0;
 
@@ -154,6 +156,7 @@ static int begin(struct frame *frame, const struct frame_picture *picture, bool 
 	self->is_settled = is_settled;
 	self->turn++;
 	self->learnt = 0;
+	self->has_tied = false;
 	self->visibility = picture->style->visibility;
 	/* The software's image is of the whole picture. */
 	if (!is_whole(picture->tile))
@@ -250,6 +253,7 @@ static int draw_rest(struct frame_conservative *self)
 		for (size_t k = 0; nodes && k < result->entry_count; k++)
 			nodes[k] = result->entries[k].node;
 		self->store = i;
+		self->is_out_of_order = self->report->nodes_drawn > 0;
 		r = nodes && drawn ? frame_tester_draw_live(self, frame_draw_want, nodes,
 							    result->entry_count, drawn)
 				   : -ENOMEM;
@@ -259,6 +263,20 @@ static int draw_rest(struct frame_conservative *self)
 			return r;
 	}
 	return 0;
+}
+
+/* Draws the world's list from its beginning, so that ties go where a full picture has them. */
+static void draw_again(struct frame_conservative *self)
+{
+	const struct frame_picture *picture = self->picture;
+	const struct world *world = self->frame->world;
+	uint32_t view_of = UINT32_MAX;
+
+	self->report->nodes_drawn = 0;
+	target_begin(picture->target, picture->style->background);
+	frame_begin_drawing(self->frame, picture->style, picture->tile);
+	for (size_t i = 0; i < world->want_count; i++)
+		(void)frame_draw_want(self->frame, &world->wants[i], &view_of, self->report);
 }
 
 int frame_draw_shown(struct frame *frame, const struct frame_picture *picture,
@@ -285,6 +303,8 @@ int frame_draw_shown(struct frame *frame, const struct frame_picture *picture,
 		r = draw_rest(frame->conservative);
 	if (r == 0)
 		r = want_found(frame->conservative);
+	if (r == 0 && frame->conservative->has_tied)
+		draw_again(frame->conservative);
 	if (r == 0)
 		r = world_ask(world, 0, world->want_count, why);
 	frame_end_drawing(frame);

@@ -59,7 +59,15 @@ struct frame_conservative {
 	bool is_settled;
 	uint64_t patience_ns; /* that a live one has left to wait */
 	uint32_t store;       /* that is worked out */
-	uint32_t view_of;     /* the store whose view OpenGL has */
+	bool is_tested;       /* it: what is drawn now was found by a test */
+	/*
+	 * OpenGL gives faces at the same depth to the first drawn.  What showed before is drawn first, so
+	 * the others come late; if a query says that one ties, the picture is drawn again in order.
+	 */
+	GLuint tie_query;
+	bool is_out_of_order; /* what is drawn next may come before what was drawn */
+	bool has_tied;
+	uint32_t view_of; /* the store whose view OpenGL has */
 	struct occlusion_store software;
 	struct conservative_tester software_tester;
 };

@@ -123,6 +123,30 @@ static int fetch(struct frame_conservative *self, const uint32_t *nodes, size_t 
 	return 0;
 }
 
+/* Does a node that comes late have a sample at the same depth as what is drawn? */
+static void look_for_ties(struct frame_conservative *self, const uint32_t *nodes, size_t node_count)
+{
+	struct frame_report uncounted = { 0 };
+	uint32_t view_of = UINT32_MAX;
+	GLuint is_tied = 0;
+
+	glDepthFunc(GL_EQUAL);
+	glDepthMask(GL_FALSE);
+	glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
+	glBeginQuery(GL_ANY_SAMPLES_PASSED, self->tie_query);
+	for (size_t i = 0; i < node_count; i++) {
+		const struct world_want want = { .store = self->store, .node = nodes[i] };
+
+		(void)frame_draw_want(self->frame, &want, &view_of, &uncounted);
+	}
+	glEndQuery(GL_ANY_SAMPLES_PASSED);
+	glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+	glDepthMask(GL_TRUE);
+	glDepthFunc(GL_GREATER);
+	glGetQueryObjectuiv(self->tie_query, GL_QUERY_RESULT, &is_tied);
+	self->has_tied = is_tied != 0;
+}
+
 int frame_tester_draw_live(struct frame_conservative *self, frame_draw_fn draw,
 			   const uint32_t *nodes, size_t node_count, bool *ret_drawn)
 {
@@ -131,6 +155,8 @@ int frame_tester_draw_live(struct frame_conservative *self, frame_draw_fn draw,
 	if (r < 0)
 		return r;
 	frame_begin_drawing(self->frame, self->picture->style, self->picture->tile);
+	if (draw == frame_draw_want && self->is_out_of_order && !self->has_tied)
+		look_for_ties(self, nodes, node_count);
 	self->view_of = UINT32_MAX;
 	for (size_t i = 0; i < node_count; i++) {
 		const struct world_want want = { .store = self->store, .node = nodes[i] };
@@ -172,9 +198,15 @@ static int on_draw(void *context, const uint32_t *nodes, size_t node_count, bool
 	struct frame_conservative *self = context;
 	frame_draw_fn draw =
 		self->visibility == FRAME_VISIBILITY_SOFTWARE ? draw_in_software : frame_draw_want;
+	int r;
 
-	return self->is_settled ? draw_settled(self, draw, nodes, node_count, ret_drawn)
-				: frame_tester_draw_live(self, draw, nodes, node_count, ret_drawn);
+	if (self->is_settled)
+		return draw_settled(self, draw, nodes, node_count, ret_drawn);
+	r = frame_tester_draw_live(self, draw, nodes, node_count, ret_drawn);
+	/* Before a test: what showed in the frame before. */
+	if (!self->is_tested)
+		self->is_out_of_order = true;
+	return r;
 }
 
 static struct box_test_view test_view(const struct frame_conservative *self)
@@ -326,6 +358,7 @@ static int on_test(void *context, const struct conservative_box *boxes, size_t b
 	uint64_t begin_ns = clock_now_ns();
 	int r = test_boxes(self, boxes, box_count, ret_shows);
 
+	self->is_tested = true;
 	if (r == 0)
 		r = test_fine(self, boxes, box_count, ret_shows);
 	self->report->selection_ms += frame_ms_since(begin_ns);
@@ -425,6 +458,8 @@ struct conservative_tester frame_tester_begin(struct frame_conservative *self, u
 	const struct world_store *store;
 
 	self->store = store_index;
+	self->is_tested = false;
+	self->is_out_of_order = self->report->nodes_drawn > 0;
 	store = store_of(self);
 	if (self->visibility == FRAME_VISIBILITY_SOFTWARE) {
 		self->software = (struct occlusion_store){ .occlusion = self->occlusion,

@@ -313,7 +313,7 @@ static void result_make(struct conservative *conservative, struct conservative_r
 			continue;
 		result->entry_count++;
 		entry->node = candidate->node;
-		entry->importance = 1.0f / (float)result->entry_count;
+		entry->importance = 1.0f / (float)(i + 1);
 		entry->state = (enum conservative_state)candidate->state;
 		if (candidate->state == CONSERVATIVE_MISSING)
 			result->missing_count++;

@@ -76,7 +76,7 @@ enum conservative_state {
 /** A node that the frame asks for. */
 struct conservative_entry {
 	uint32_t node;
-	float importance; /* as in a selection */
+	float importance; /* as in the selection of all candidates */
 	enum conservative_state state;
 };
 

@@ -103,6 +103,19 @@ static void less_is_drawn_where_much_is_hidden(void **state)
 	}
 }
 
+/* The frames of the path, and twice those of it. */
+static void assert_same_frames(const struct view_fixture *fixture)
+{
+	for (int frame = 0; frame < 8; frame++) {
+		char full[64];
+		char shown[64];
+
+		(void)snprintf(full, sizeof(full), "full/frame_%06d.png", frame % 4);
+		(void)snprintf(shown, sizeof(shown), "shown/frame_%06d.png", frame);
+		view_assert_same(view_file(fixture, full), view_file(fixture, shown));
+	}
+}
+
 /* Live frames one after the other, each begun with what the one before showed. */
 static void a_live_conservative_frame_is_the_full_one(void **state)
 {
@@ -120,14 +133,29 @@ static void a_live_conservative_frame_is_the_full_one(void **state)
 				   "--frames shown g.ooc",
 				   ways[w]));
 		assert_true(view_summary_number("incomplete_frames") == 0.0);
-		for (int frame = 0; frame < 8; frame++) {
-			char full[64];
-			char shown[64];
+		assert_same_frames(fixture);
+	}
+}
 
-			(void)snprintf(full, sizeof(full), "full/frame_%06d.png", frame % 4);
-			(void)snprintf(shown, sizeof(shown), "shown/frame_%06d.png", frame);
-			view_assert_same(view_file(fixture, full), view_file(fixture, shown));
-		}
+/* Boxes of two stores lie in the same places: OpenGL shows those that were drawn first. */
+static void ties_in_depth_go_where_a_full_picture_has_them(void **state)
+{
+	const struct test_grid fewer = { .count = 5, .face_quads = 3 };
+	struct view_fixture *fixture = *state;
+
+	view_start_daemon(fixture, 64 * MIB);
+	make_store(fixture);
+	test_store_grid_make(view_file(fixture, "h.ooc"), &fewer);
+	write_camera_path(fixture, "p.csv");
+	view_must(view_run(fixture, "--headless --settle --size 321x203 --path p.csv --frames full "
+				    "--channel triangle g.ooc h.ooc"));
+	for (size_t w = 0; w < ARRAY_LENGTH(ways); w++) {
+		view_must(view_run(fixture,
+				   "--headless --json --size 321x203 --path p.csv --repeat 2 "
+				   "--mode conservative --visibility %s --deadline 60000 "
+				   "--channel triangle --frames shown g.ooc h.ooc",
+				   ways[w]));
+		assert_same_frames(fixture);
 	}
 }
 
@@ -244,6 +272,7 @@ int main(void)
 		VIEW_TEST(a_settled_conservative_picture_is_the_full_one),
 		VIEW_TEST(less_is_drawn_where_much_is_hidden),
 		VIEW_TEST(a_live_conservative_frame_is_the_full_one),
+		VIEW_TEST(ties_in_depth_go_where_a_full_picture_has_them),
 		VIEW_TEST(a_cache_for_a_few_nodes_is_enough_for_a_settled_picture),
 		VIEW_TEST(copies_and_tiles_and_several_stores_show_the_same),
 		VIEW_TEST(what_has_not_come_by_the_deadline_is_missing_and_said_so),
