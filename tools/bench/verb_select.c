@@ -29,7 +29,7 @@
 
 static const char help[] =
 	"Usage: oocbench select STORE [--path P.csv] [--views N] [--seed S] [--size WxH]\n"
-	"                       [--budget N] [--json]\n"
+	"                       [--budget N] [--no-orders] [--json]\n"
 	"Compares sets of nodes with what shows exactly: each order of the approximate set at several\n"
 	"budgets, and the conservative set.  Fails if the conservative set lacks a pixel.\n"
 	"\n"
@@ -38,6 +38,7 @@ static const char help[] =
 	"  --seed S      other random cameras for another S (1)\n"
 	"  --size WxH    of the pictures (640x480)\n"
 	"  --budget N    triangles, beside 1, 2 and 4 times those that show (280000)\n"
+	"  --no-orders   the conservative set alone, which is quicker\n"
 	"  --json        results for programs\n"
 	"\n"
 	"The whole store is kept in memory.  Times are those of the software rasteriser.\n"
@@ -52,6 +53,7 @@ struct select_verb_options {
 	uint64_t seed;
 	uint64_t budget_triangles;
 	unsigned size[2];
+	bool no_orders;
 	bool is_json;
 };
 
@@ -387,7 +389,7 @@ static int view_measure(struct select_verb *verb, const struct camera *camera)
 	exact_count(verb);
 	figure_add(verb, &verb->visible_triangles, (double)verb->triangles_shown);
 	figure_add(verb, &verb->visible_node_triangles, (double)verb->node_triangles_shown);
-	for (unsigned order = 0; order < SELECT_ORDER_COUNT_; order++)
+	for (unsigned order = 0; order < SELECT_ORDER_COUNT_ && !verb->options->no_orders; order++)
 		order_measure(verb, &view, (enum select_order)order);
 	return conservative_measure(verb, &view, full_ms);
 }
@@ -458,7 +460,7 @@ static void select_report(const struct select_verb *verb)
 		       &verb->visible_triangles, 1.0, "");
 	report_figures(&report, "visible_node_triangles", "triangles of nodes that show",
 		       &verb->visible_node_triangles, 1.0, "");
-	for (unsigned order = 0; order < SELECT_ORDER_COUNT_; order++)
+	for (unsigned order = 0; order < SELECT_ORDER_COUNT_ && !verb->options->no_orders; order++)
 		report_order(&report, verb, (enum select_order)order);
 	report_group_begin(&report, "conservative", "conservative");
 	report_number(&report, "differing", "pixels that differ", (double)verb->differing, "");
@@ -585,6 +587,7 @@ int verb_select(int argc, char **argv)
 		{ "seed", ARGUMENT_NUMBER, &options.seed },
 		{ "size", ARGUMENT_PICTURE, options.size, 1, SIDE_MAX },
 		{ "budget", ARGUMENT_NUMBER, &options.budget_triangles, 1, 0 },
+		{ "no-orders", ARGUMENT_FLAG, &options.no_orders },
 		{ "json", ARGUMENT_FLAG, &options.is_json },
 		{ NULL },
 	};
