@@ -133,8 +133,13 @@ static void a_walk_through_a_small_cache_is_always_drawn_right(void **state)
 		assert_true(kit_count_drawable(store) >= (step % 3 ? 30 : 20));
 	}
 	assert_true(kit_status_number(client, "evictions") > 100);
-	/* Alone, every miss is one fetch. */
-	assert_int_equal(kit_status_number(client, "misses"), kit_status_number(client, "fetches"));
+	/*
+	 * Alone, every miss is fetched, unless it was refused.  What was there and refused for room may go
+	 * before there is some: it is then fetched, and was no miss.
+	 */
+	assert_int_equal(kit_status_number(client, "misses") + kit_status_number(client, "retries"),
+			 kit_status_number(client, "fetches") +
+				 kit_status_number(client, "refused"));
 	kit_disconnect(client);
 	assert_int_equal(kit_daemon_stop(&daemon, SIGTERM), 0);
 }
