@@ -99,6 +99,7 @@ static int on_round(sd_event_source *source, void *arg)
 		LIST_FOR_EACH (link, &server->sessions)
 			session_retry(LIST_ENTRY(link, struct session, link));
 		takeover_pump(server->takeover);
+		server_map_inherited(server);
 		residents_retry(&server->residents);
 		queues_pump(&server->queues);
 		/* A segment is to be drained: its holders are told soon. */

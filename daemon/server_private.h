@@ -63,6 +63,7 @@ struct server {
 	struct residents residents;
 	struct store_counters closed_counters; /* of stores that are served no longer */
 	struct takeover *takeover;
+	bool to_map; /* inherited segments are to be mapped and registered */
 
 	struct notify notify;
 	struct metrics metrics;
@@ -94,6 +95,8 @@ void server_make_segment(void *server, struct served *served);
 void server_segment_gone(void *server, struct served *served, struct segment *segment);
 /** Opens what a predecessor had open, with what it had in memory. */
 void server_take_over(struct server *server);
+/** Once it is verified: begins to map what was taken over. */
+void server_map_inherited(struct server *server);
 /** Closes what nobody has had open for a while. */
 void server_close_idle(struct server *server, uint64_t now_ns);
 /** Closes all, for good: nothing is in flight, nobody is attached. */

@@ -449,7 +449,8 @@ void server_segment_gone(void *arg, struct served *served, struct segment *segme
 
 /*
  * Registering memory maps it first, which takes up to a second a GiB: that is a worker's, one segment
- * after the other, while the others verify.  Until then it is read into as memory that cannot be
+ * after the other.  To register takes half as long again, and is the loop's.  Neither begins before
+ * all is verified, which clients wait for; until then segments are read into as memory that cannot be
  * registered.
  */
 struct map_job {
@@ -608,5 +609,18 @@ void server_take_over(struct server *server)
 		kept_store_destroy(kept, true);
 	}
 	server->config.kept_stores = NULL;
+	server->to_map = true;
+}
+
+void server_map_inherited(struct server *server)
+{
+	struct takeover_counts counts;
+
+	if (!server->to_map)
+		return;
+	takeover_count(server->takeover, &counts);
+	if (counts.left > 0)
+		return;
+	server->to_map = false;
 	map_next(server);
 }
