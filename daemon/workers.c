@@ -95,12 +95,8 @@ static void *worker_thread(void *arg)
 		(void)pthread_mutex_lock(&workers->mutex);
 		first = list_is_empty(&workers->done);
 		batch_move(&batch, &workers->done);
-		if (!first)
-			continue;
-		/* Outside of the mutex, which the loop takes first when it wakes. */
-		(void)pthread_mutex_unlock(&workers->mutex);
-		(void)eventfd_write(workers->event_fd, 1);
-		(void)pthread_mutex_lock(&workers->mutex);
+		if (first)
+			(void)eventfd_write(workers->event_fd, 1);
 	}
 	(void)pthread_mutex_unlock(&workers->mutex);
 	return NULL;
