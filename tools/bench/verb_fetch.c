@@ -77,8 +77,9 @@ struct fetch {
 	double *daemon_rates; /* bytes of the disk a second */
 	double *fio_rates;
 	double *ratios;
-	double *cpu_seconds; /* a GB decoded */
-	double *cold_shares; /* of the bytes asked for, those that the daemon read */
+	double *cpu_seconds;     /* a GB decoded */
+	double *fio_cpu_seconds; /* a GB read, into nothing */
+	double *cold_shares;     /* of the bytes asked for, those that the daemon read */
 };
 
 /* ---- what is fetched ---- */
@@ -221,8 +222,23 @@ static int fetch_daemon(struct fetch *fetch, const struct half *half, struct fet
 	return 0;
 }
 
+/* Of the thread that reads: fio gives it in hundredths of the time that it took. */
+static int fio_cpu_seconds(const char *output, double *ret)
+{
+	double user;
+	double system;
+	double milliseconds;
+
+	if (measure_json_number(output, "usr_cpu", &user) < 0 ||
+	    measure_json_number(output, "sys_cpu", &system) < 0 ||
+	    measure_json_number(output, "job_runtime", &milliseconds) < 0)
+		return -EPROTO;
+	*ret = (user + system) / 100.0 * milliseconds / 1e3;
+	return 0;
+}
+
 static int fetch_fio(const struct fetch *fetch, const struct half *half, double *ret_rate,
-		     struct why *why)
+		     double *ret_cpu_seconds, struct why *why)
 {
 	char log[PATH_MAX + 32];
 	char depth[32];
@@ -243,7 +259,8 @@ static int fetch_fio(const struct fetch *fetch, const struct half *half, double 
 		return r;
 	read_part = strstr(result.output, "\"read\"");
 	if (!read_part || measure_json_number(read_part, "total_ios", &read_count) < 0 ||
-	    measure_json_number(read_part, "runtime", &milliseconds) < 0 || !(milliseconds > 0.0))
+	    measure_json_number(read_part, "runtime", &milliseconds) < 0 || !(milliseconds > 0.0) ||
+	    fio_cpu_seconds(result.output, ret_cpu_seconds) < 0)
 		r = why_set(why, -EPROTO, "fio's answer has no reads or no time");
 	else if (read_count != (double)half->piece_count)
 		r = why_set(why, -EPROTO, "fio made %.0f reads instead of %" PRIu64, read_count,
@@ -267,13 +284,15 @@ static int fetch_repeat(struct fetch *fetch, uint64_t repeat, struct why *why)
 		if (turn == repeat / 2 % 2)
 			r = fetch_daemon(fetch, half, &fetched, why);
 		else if (fetch->has_fio)
-			r = fetch_fio(fetch, half, &fetch->fio_rates[repeat], why);
+			r = fetch_fio(fetch, half, &fetch->fio_rates[repeat],
+				      &fetch->fio_cpu_seconds[repeat], why);
 	}
 	if (r < 0)
 		return r;
 	fetch->cold_shares[repeat] = fetched.bytes / (double)half->stored_bytes;
 	fetch->daemon_rates[repeat] =
 		fetch->cold_shares[repeat] * (double)half->block_bytes / fetched.seconds;
+	fetch->fio_cpu_seconds[repeat] *= 1e9 / (double)half->block_bytes;
 	fetch->ratios[repeat] = fetch->daemon_rates[repeat] / fetch->fio_rates[repeat];
 	fetch->cpu_seconds[repeat] =
 		fetched.cpu_seconds * 1e9 / ((double)half->raw_bytes * fetch->cold_shares[repeat]);
@@ -312,6 +331,9 @@ static void fetch_report(struct fetch *fetch)
 	}
 	report_spread(&report, "cpu_s_per_gb", "oocd's processor time, a GB decoded",
 		      measure_spread_of(fetch->cpu_seconds, count), "s");
+	if (fetch->has_fio)
+		report_spread(&report, "fio_cpu_s_per_gb", "fio's, a GB read and not looked at",
+			      measure_spread_of(fetch->fio_cpu_seconds, count), "s");
 	report_spread(&report, "cold_share", "share that had to be read",
 		      measure_spread_of(fetch->cold_shares, count), "");
 	report_end(&report);
@@ -383,6 +405,7 @@ static int fetch_make(struct fetch *fetch, struct why *why)
 	fetch->fio_rates = calloc(count, sizeof(double));
 	fetch->ratios = calloc(count, sizeof(double));
 	fetch->cpu_seconds = calloc(count, sizeof(double));
+	fetch->fio_cpu_seconds = calloc(count, sizeof(double));
 	fetch->cold_shares = calloc(count, sizeof(double));
 	if (!fetch->daemon_rates || !fetch->fio_rates || !fetch->ratios || !fetch->cpu_seconds ||
 	    !fetch->cold_shares)
@@ -398,6 +421,7 @@ static int fetch_make(struct fetch *fetch, struct why *why)
 	free(fetch->fio_rates);
 	free(fetch->ratios);
 	free(fetch->cpu_seconds);
+	free(fetch->fio_cpu_seconds);
 	free(fetch->cold_shares);
 	return r;
 }
