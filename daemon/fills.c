@@ -457,6 +457,7 @@ int fills_again(struct fills *fills, struct served *served, uint32_t index)
 	node_change_fill(&served->nodes[index], (uint32_t)(fill - fills->fills));
 	fill_begin(fills, fill, served, index, staging_page);
 	served->counters.fetches++;
+	recorder_node(served, TRACE_FETCH, index);
 	fill_read(fills, fill);
 	return 0;
 }

@@ -190,7 +190,7 @@ void recorder_add_node(struct served *served, enum trace_kind kind, uint32_t ses
 	if (!recorder->writer)
 		return;
 	if (kind == TRACE_FETCH || kind == TRACE_PREFETCH || kind == TRACE_READY ||
-	    kind == TRACE_FAIL)
+	    kind == TRACE_FAIL || kind == TRACE_ADOPT)
 		note_time(recorder);
 	if (*entry == 0)
 		*entry = introduce(recorder, served, index) + 1;

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "daemon/limits.h"
+#include "daemon/recorder.h"
 #include "formats/base/check.h"
 #include "formats/base/clock.h"
 #include "formats/base/file.h"
@@ -181,6 +182,7 @@ static void adopt_nodes(struct inherited *inherited, const struct was *was, uint
 
 		if (cache_adopt_node(cache, served, index, was[i].place) < 0)
 			continue;
+		recorder_node(served, TRACE_ADOPT, index);
 		inherited->order[inherited->payload_count++] = index;
 		inherited->states[index] = PAYLOAD_LEFT;
 		if (!atomic_load_explicit(&served->ledger.held[index], memory_order_relaxed))

@@ -72,7 +72,8 @@ static_assert(sizeof(struct trace_block) == 16, "as in TRACE.md");
 	X(READY, ENTRY)                                                                            \
 	X(FAIL, ENTRY)                                                                             \
 	X(FREE, ENTRY)                                                                             \
-	X(EVICT, ENTRY)
+	X(EVICT, ENTRY)                                                                            \
+	X(ADOPT, ENTRY)
 
 enum trace_kind {
 #define TRACE_KIND_VALUE(name, argument) TRACE_##name,

@@ -316,6 +316,7 @@ static int take_event(struct trace_reader *reader, struct trace_event *event)
 	case TRACE_FAIL:
 	case TRACE_FREE:
 	case TRACE_EVICT:
+	case TRACE_ADOPT:
 		return 0;
 	case TRACE_TIME:
 	case TRACE_SESSION:

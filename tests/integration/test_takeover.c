@@ -24,6 +24,7 @@
 #include <unistd.h>
 
 #include "formats/base/bytes.h"
+#include "formats/trace/trace_reader.h"
 #include "libclient/ooc/client.h"
 #include "tests/helper.h"
 #include "tests/integration/daemon_kit.h"
@@ -146,6 +147,46 @@ static void a_killed_daemon_leaves_what_it_has_decoded(void **state)
 static void a_daemon_that_ends_in_order_leaves_its_cache(void **state)
 {
 	check_comes_back(*state, ((struct scene *)*state)->coded, SIGTERM);
+}
+
+static uint32_t count_events(const char *path, enum trace_kind kind)
+{
+	struct trace_reader *reader;
+	struct trace_event event;
+	uint32_t count = 0;
+	struct why why;
+	int r;
+
+	if (trace_reader_open_path(path, &reader, &why) < 0)
+		fail_msg("%s", why.text);
+	while ((r = trace_reader_next(reader, &event, &why)) > 0)
+		count += event.kind == kind;
+	if (r < 0)
+		fail_msg("%s", why.text);
+	trace_reader_close(reader);
+	return count;
+}
+
+static void a_trace_says_what_was_taken_over(void **state)
+{
+	struct scene *scene = *state;
+	const char *trace = test_path(scene->folder, "a.trace");
+	const char *options[] = { "--cache-size", "64M", "--trace", trace, NULL };
+	struct kit_client *client;
+	uint32_t count;
+
+	manager_start(scene->manager, usual);
+	client = client_of(scene, scene->plain, &count);
+	(void)manager_stop(scene->manager, SIGKILL);
+	kit_disconnect(client);
+
+	manager_start(scene->manager, options);
+	client = client_of(scene, scene->plain, &count);
+	kit_disconnect(client);
+	assert_int_equal(manager_stop(scene->manager, SIGTERM), 0);
+	assert_int_equal(count_events(trace, TRACE_ADOPT), count);
+	assert_int_equal(count_events(trace, TRACE_FETCH), 0);
+	assert_int_equal(count_events(trace, TRACE_HIT) + count_events(trace, TRACE_MISS), count);
 }
 
 /* One byte of each of the first payloads of each segment that is kept. */
@@ -587,6 +628,7 @@ int main(void)
 		SCENE_TEST(a_killed_daemon_leaves_its_cache),
 		SCENE_TEST(a_killed_daemon_leaves_what_it_has_decoded),
 		SCENE_TEST(a_daemon_that_ends_in_order_leaves_its_cache),
+		SCENE_TEST(a_trace_says_what_was_taken_over),
 		SCENE_TEST(a_kept_payload_that_is_wrong_is_read_again),
 		SCENE_TEST(a_store_that_was_written_anew_begins_cold),
 		SCENE_TEST(what_is_not_ours_or_not_whole_is_forgotten),

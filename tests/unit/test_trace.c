@@ -126,6 +126,7 @@ static const struct trace_event story[] = {
 	{ .kind = TRACE_DROP, .session = 5, .entry = 2, .ticks = 900000002 },
 	{ .kind = TRACE_FREE, .entry = 2, .ticks = 900000002 },
 	{ .kind = TRACE_EVICT, .entry = 2, .ticks = 900000002 },
+	{ .kind = TRACE_ADOPT, .entry = 1, .ticks = 900000002 },
 	{ .kind = TRACE_END, .session = 4, .ticks = 900000003 },
 	{ .kind = TRACE_CLOSE, .store = 0, .ticks = 900000003 },
 };

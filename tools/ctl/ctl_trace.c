@@ -123,6 +123,8 @@ static int sum(struct sums *sums, const struct trace_reader *reader,
 		sum_read(sums, past, entry);
 	else if (event->kind == TRACE_EVICT)
 		sum_evict(sums, past);
+	else if (event->kind == TRACE_ADOPT)
+		past->was_read = true;
 	return 0;
 }
 
@@ -176,6 +178,9 @@ static void show_sums(const struct sums *sums, const struct trace_reader *reader
 	       percent(sums->counts[TRACE_HIT], requests), sums->counts[TRACE_REFUSE]);
 	printf("read        %s, compulsory %s\n", text_from_size(sums->read_bytes, a),
 	       text_from_size(sums->compulsory_bytes, b));
+	if (sums->counts[TRACE_ADOPT] > 0)
+		printf("adopted     %" PRIu64 " nodes of a daemon before\n",
+		       sums->counts[TRACE_ADOPT]);
 	printf("evictions   %" PRIu64 ", %" PRIu64 " regretted within %u sets (%s read again)\n",
 	       sums->counts[TRACE_EVICT], sums->regret_count, REGRET_SETS,
 	       text_from_size(sums->regret_bytes, a));
@@ -206,6 +211,7 @@ static void show_json(const struct sums *sums, const struct trace_reader *reader
 		{ "fetches", sums->counts[TRACE_FETCH] },
 		{ "read_bytes", sums->read_bytes },
 		{ "compulsory_bytes", sums->compulsory_bytes },
+		{ "adopted", sums->counts[TRACE_ADOPT] },
 		{ "evictions", sums->counts[TRACE_EVICT] },
 		{ "regretted", sums->regret_count },
 		{ "regretted_bytes", sums->regret_bytes },
