@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: MIT
-foreach(module accounts pages arena disk fetch cache queues visible config watchdog)
+foreach(module accounts pages arena disk fetch config watchdog)
 	oocd_test(test_${module} unit SOURCES unit/test_${module}.c LINK oocd_core oocd_test_helper)
+endforeach()
+foreach(module cache queues visible)
+	oocd_test(test_${module} unit SOURCES unit/test_${module}.c LINK oocd_core oocd_test_helper
+		SKIPS_TSAN)
 endforeach()
 
 # The state machine with checks that a test can see fail.
@@ -30,10 +34,10 @@ oocd_test(test_daemon_trace integration SOURCES integration/test_daemon_trace.c
 oocd_test(test_openmetrics unit
 	SOURCES unit/test_openmetrics.c openmetrics_judge.c LINK oocd_core oocd_test_helper)
 oocd_test(test_counters integration SOURCES integration/test_counters.c openmetrics_judge.c
-	LINK oocd_daemon_kit PkgConfig::JANSSON)
+	LINK oocd_daemon_kit PkgConfig::JANSSON SKIPS_TSAN)
 
 oocd_test(test_torn stress SOURCES stress/test_torn.c LINK oocd_daemon_kit)
-oocd_test(test_churn stress SOURCES stress/test_churn.c LINK oocd_core oocd_test_helper)
+oocd_test(test_churn stress SOURCES stress/test_churn.c LINK oocd_core oocd_test_helper SKIPS_TSAN)
 
 oocd_test(test_daemon_calls fault SOURCES fault/test_daemon_calls.c LINK oocd_core oocd_test_helper)
 target_link_options(test_daemon_calls PRIVATE
@@ -42,7 +46,7 @@ target_link_options(test_daemon_calls PRIVATE
 # All interleavings of a small world.  Everything that it allocates lies in a region of its own.
 oocd_test(test_interleavings model
 	SOURCES model/test_interleavings.c model/small_world.c model/region.c
-	LINK oocd_core oocd_test_helper SINGLE_THREADED)
+	LINK oocd_core oocd_test_helper SKIPS_TSAN)
 if(TARGET test_interleavings)
 	target_link_options(test_interleavings PRIVATE
 		-Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc,--wrap=free

@@ -4,16 +4,16 @@ target_link_libraries(oocd_import_kit PUBLIC oocd_import oocd_test_helper PkgCon
 
 foreach(name test_number test_source test_polygon test_join test_ply test_obj test_stl test_vrml
 	test_inputs)
-	oocd_test(${name} unit SOURCES unit/${name}.c LINK oocd_import_kit)
+	oocd_test(${name} unit SOURCES unit/${name}.c LINK oocd_import_kit SKIPS_TSAN)
 endforeach()
 oocd_test(test_texture unit
-	SOURCES unit/test_texture.c LINK oocd_import_kit PkgConfig::PNG PkgConfig::JPEG)
+	SOURCES unit/test_texture.c LINK oocd_import_kit PkgConfig::PNG PkgConfig::JPEG SKIPS_TSAN)
 oocd_test(test_assimp integration
 	SOURCES integration/test_assimp.c LINK oocd_import_kit Threads::Threads)
 oocd_test(test_assimp_frames integration
 	SOURCES integration/test_assimp_frames.c LINK oocd_import_kit)
 oocd_test(test_import_data integration
-	SOURCES integration/test_import_data.c LINK oocd_import_kit TIMEOUT 300 SINGLE_THREADED)
+	SOURCES integration/test_import_data.c LINK oocd_import_kit TIMEOUT 300 SKIPS_TSAN)
 
 oocd_test(fault_import fault
 	SOURCES fault/fault_import.c LINK oocd_import oocd_test_helper PkgConfig::PNG TIMEOUT 120)

@@ -9,7 +9,7 @@ target_link_libraries(oocd_test_helper PUBLIC oocd_flags oocd_store PkgConfig::C
 oocd_test(test_store unit SOURCES unit/test_store.c LINK oocd_test_helper)
 oocd_test(test_store_layout unit SOURCES unit/test_store_layout.c LINK oocd_test_helper)
 oocd_test(test_store_judge unit SOURCES unit/test_store_judge.c LINK oocd_test_helper)
-oocd_test(test_store_damage unit SOURCES unit/test_store_damage.c LINK oocd_test_helper)
+oocd_test(test_store_damage unit SOURCES unit/test_store_damage.c LINK oocd_test_helper SKIPS_TSAN)
 oocd_test(test_payload unit SOURCES unit/test_payload.c LINK oocd_test_helper m)
 oocd_test(test_codec unit SOURCES unit/test_codec.c LINK oocd_test_helper)
 oocd_test(test_store_writer unit

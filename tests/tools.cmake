@@ -16,4 +16,4 @@ oocd_test(test_rgb_image unit SOURCES unit/test_rgb_image.c LINK oocd_bench oocd
 oocd_test(test_page unit SOURCES unit/test_page.c LINK oocd_bench oocd_test_helper)
 oocd_test(test_chart integration
 	SOURCES integration/test_chart.c LINK oocd_test_helper
-	TIMEOUT 120 SINGLE_THREADED NEEDS oocbench oocbuild oocd oocgen oocview)
+	TIMEOUT 120 SKIPS_TSAN NEEDS oocbench oocbuild oocd oocgen oocview)

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: MIT
 # oocd_test(NAME LABEL SOURCES src... LINK lib... [ARGS arg...] [TIMEOUT s] [NEEDS target...]
-#           [SINGLE_THREADED])
-# SINGLE_THREADED: long, and of one thread of ours, so that ThreadSanitizer has nothing to find in it
-# (Mesa's threads are not built with it, and would be misjudged).
+#           [SKIPS_TSAN])
+# SKIPS_TSAN: long, and without a thread of ours that shorter tests do not have, so that
+# ThreadSanitizer has nothing to find in it (Mesa's threads are not built with it, and would be
+# misjudged).
 # One cmocka program and its ctest "LABEL.NAME".  A skip (exit status 77) says why on its last line.
 function(oocd_test name label)
-	cmake_parse_arguments(T "SINGLE_THREADED" "TIMEOUT" "SOURCES;LINK;ARGS;NEEDS" ${ARGN})
-	if(T_SINGLE_THREADED AND OOCD_SANITIZE STREQUAL "thread")
+	cmake_parse_arguments(T "SKIPS_TSAN" "TIMEOUT" "SOURCES;LINK;ARGS;NEEDS" ${ARGN})
+	if(T_SKIPS_TSAN AND OOCD_SANITIZE STREQUAL "thread")
 		return()
 	endif()
 	if(NOT T_TIMEOUT)
