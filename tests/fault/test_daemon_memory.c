@@ -123,10 +123,9 @@ static _Noreturn void visitor_main(const struct kit_daemon *daemon, const char *
 {
 	struct wire_status question = { .what = WIRE_STATUS_ALL };
 	struct wire_entry entries[ENTRIES_MAX];
-	struct {
-		struct wire_prefetch prefetch;
-		struct wire_entry entry;
-	} wish = { .prefetch.entry_count = 1 };
+	_Alignas(struct wire_prefetch)
+		uint8_t bytes[sizeof(struct wire_prefetch) + sizeof(struct wire_entry)] = { 0 };
+	struct wire_prefetch *wish = (struct wire_prefetch *)(void *)bytes;
 	struct kit_client *client;
 	struct kit_store *store;
 
@@ -139,9 +138,10 @@ static _Noreturn void visitor_main(const struct kit_daemon *daemon, const char *
 	store = &client->stores[0];
 	kit_send_open(client, 0, open(path, O_RDONLY | O_CLOEXEC));
 	await(client, WIRE_OPENED);
-	kit_entries(store, 0, 60, 1, &wish.entry);
-	wire_header_init(&wish.prefetch.header, WIRE_PREFETCH, sizeof(wish));
-	kit_send(client, &wish, sizeof(wish), -1);
+	kit_entries(store, 0, 60, 1, wish->entries);
+	wish->entry_count = 1;
+	wire_header_init(&wish->header, WIRE_PREFETCH, sizeof(bytes));
+	kit_send(client, bytes, sizeof(bytes), -1);
 	kit_set(client, entries, kit_entries(store, 0, round % 50, 40, entries), WIRE_SET_RETIRE);
 	kit_settle(client);
 	wire_header_init(&question.header, WIRE_STATUS, sizeof(question));
