@@ -9,12 +9,14 @@
  */
 #include <errno.h>
 #include <inttypes.h>
+#include <poll.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "formats/base/bytes.h"
+#include "formats/base/clock.h"
 #include "formats/base/log.h"
 #include "libclient/ooc/client.h"
 #include "libclient/select/select.h"
@@ -26,6 +28,7 @@
 #define LAPS_MAX    1000u
 #define FRAMES_MAX  1000000u
 #define WAIT_MS     60000
+#define POLL_MS     10
 #define ASPECT      (16.0 / 9.0)
 #define CACHE_USUAL (64 * MIB)
 
@@ -118,6 +121,7 @@ static int viewer_begin(struct record *record, uint32_t index, struct why *why)
 	r = ooc_open(viewer->client, record->options->store, &viewer->store);
 	if (r < 0)
 		return why_set(why, r, "%s", ooc_error_text(viewer->client));
+	ooc_notify(viewer->client, true);
 	viewer->row = &record->rows[index % record->row_count];
 	viewer->first =
 		(uint32_t)((uint64_t)index * viewer->row->count / record->options->viewer_count);
@@ -172,16 +176,37 @@ static int viewer_look(struct record *record, struct viewer *viewer, uint64_t fr
 	return 0;
 }
 
-static int viewer_wait(struct record *record, struct viewer *viewer, struct why *why)
+/* Who is not heard of is taken for dead when others need room: all are served while any is waited for. */
+static int viewers_wait(struct record *record, struct why *why)
 {
-	struct ooc_progress progress;
-	int r = ooc_wait(viewer->client, WAIT_MS);
+	uint64_t deadline_ns = clock_now_ns() + WAIT_MS * NS_PER_MS;
+	uint64_t viewer_count = record->options->viewer_count;
+	struct pollfd fds[VIEWERS_MAX];
 
-	if (r < 0)
-		return why_set(why, r, "%s", ooc_error_text(viewer->client));
-	ooc_progress(viewer->client, &progress);
-	record->incomplete_count += !progress.complete;
-	return 0;
+	for (;;) {
+		uint64_t incomplete_count = 0;
+		bool is_settled = true;
+
+		for (uint64_t i = 0; i < viewer_count; i++) {
+			struct ooc_client *client = record->viewers[i].client;
+			struct ooc_progress progress;
+
+			(void)ooc_dispatch(client);
+			ooc_progress(client, &progress);
+			is_settled = is_settled && progress.settled;
+			incomplete_count += !progress.complete;
+			fds[i] = (struct pollfd){ .fd = ooc_fd(client), .events = POLLIN };
+		}
+		if (is_settled) {
+			record->incomplete_count += incomplete_count;
+			return 0;
+		}
+		if (measure_was_cancelled())
+			return why_set(why, -ECANCELED, "interrupted");
+		if (clock_now_ns() > deadline_ns)
+			return why_set(why, -ETIMEDOUT, "a set does not settle");
+		(void)poll(fds, (nfds_t)viewer_count, POLL_MS);
+	}
 }
 
 static int look_around(struct record *record, struct why *why)
@@ -197,8 +222,8 @@ static int look_around(struct record *record, struct why *why)
 			return why_set(why, -ECANCELED, "interrupted");
 		for (uint64_t i = 0; r == 0 && i < record->options->viewer_count; i++)
 			r = viewer_look(record, &record->viewers[i], frame, why);
-		for (uint64_t i = 0; r == 0 && i < record->options->viewer_count; i++)
-			r = viewer_wait(record, &record->viewers[i], why);
+		if (r == 0)
+			r = viewers_wait(record, why);
 	}
 	return r;
 }
