@@ -71,8 +71,11 @@ void ledger_done(struct ledger *ledger);
 static inline void ledger_note_held(const struct ledger *ledger, uint32_t index, bool held)
 {
 	atomic_store_explicit(&ledger->held[index], held ? 1 : 0, memory_order_relaxed);
-	/* Not for another thread: so that what follows is not stored before it. */
-	atomic_thread_fence(memory_order_release);
+	/*
+	 * Nobody else reads it while this daemon lives, so what counts is the order in which its
+	 * instructions would end with it: the compiler must keep it.
+	 */
+	atomic_signal_fence(memory_order_seq_cst);
 }
 
 #endif /* DAEMON_LEDGER_H */
