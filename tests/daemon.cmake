@@ -36,7 +36,7 @@ oocd_test(test_openmetrics unit
 oocd_test(test_counters integration SOURCES integration/test_counters.c openmetrics_judge.c
 	LINK oocd_daemon_kit PkgConfig::JANSSON SKIPS_TSAN)
 
-oocd_test(test_torn stress SOURCES stress/test_torn.c LINK oocd_daemon_kit)
+oocd_test(test_torn stress SOURCES stress/test_torn.c LINK oocd_daemon_kit SKIPS_TSAN)
 oocd_test(test_churn stress SOURCES stress/test_churn.c LINK oocd_core oocd_test_helper SKIPS_TSAN)
 
 oocd_test(test_daemon_calls fault SOURCES fault/test_daemon_calls.c LINK oocd_core oocd_test_helper)
