@@ -86,7 +86,8 @@ struct conservative_result {
 	size_t shown_count;
 	size_t missing_count;
 	uint64_t shown_triangles;
-	bool is_complete; /* nothing is missing: what shows is exactly what the frustum's nodes show */
+	/* Nothing is missing: what shows is what the frustum's nodes show, as exactly as boxes are tested. */
+	bool is_complete;
 	bool is_untested; /* testing does not pay at present: all candidates are said to show */
 	/* The work done, since conservative_begin(). */
 	size_t candidate_count;

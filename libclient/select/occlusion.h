@@ -5,7 +5,9 @@
  *
  * The answer is exact for pictures of the size of the image, drawn with raster.h's rules: a box
  * counts with all pixels of the rectangle around it, one more on each side, and with its nearest
- * depth, which RASTER_DEPTH_OFFSET lets nothing in it pass.  An image that is smaller than the picture is quicker, and an approximation.
+ * depth, which RASTER_DEPTH_OFFSET lets nothing in it pass (but for the rounding of needles thinner
+ * than about 1/100,000 pixel, of which none was met; README.md).  An image that is smaller than the
+ * picture is quicker, and an approximation.
  *
  * Threads: a struct occlusion belongs to one thread.
  */
