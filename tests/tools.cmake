@@ -11,6 +11,7 @@ oocd_test(test_plot unit SOURCES unit/test_plot.c LINK oocd_bench oocd_test_help
 oocd_test(test_walk integration
 	SOURCES integration/test_walk.c LINK oocd_test_helper PkgConfig::JANSSON
 	TIMEOUT 120 NEEDS oocbench oocbuild oocd oocgen)
+oocd_test(test_figures unit SOURCES unit/test_figures.c LINK oocd_bench oocd_test_helper)
 oocd_test(test_pareto unit SOURCES unit/test_pareto.c LINK oocd_bench oocd_test_helper)
 oocd_test(test_rgb_image unit SOURCES unit/test_rgb_image.c LINK oocd_bench oocd_test_helper)
 oocd_test(test_page unit SOURCES unit/test_page.c LINK oocd_bench oocd_test_helper)

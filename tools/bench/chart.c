@@ -10,7 +10,9 @@
 
 #include "formats/base/bytes.h"
 #include "formats/base/check.h"
+#include "tools/bench/figures.h"
 #include "tools/bench/flip.h"
+#include "tools/bench/measure.h"
 
 /* More than this in a channel is a difference that somebody could see. */
 #define COLOUR_THRESHOLD 8u
@@ -234,14 +236,6 @@ static int setting_judge(struct chart *chart, struct chart_setting *setting, str
 
 /* ---- times ---- */
 
-static int compare_doubles(const void *left, const void *right)
-{
-	double a = *(const double *)left;
-	double b = *(const double *)right;
-
-	return a < b ? -1 : a > b;
-}
-
 /* Number of the field of a row that has this text; the field behind the last if none has. */
 static unsigned field_find(char *row, const char *text)
 {
@@ -303,8 +297,7 @@ static int times_take(const struct chart *chart, const struct chart_setting *set
 	if (r >= 0 && (size_t)r < room)
 		r = why_set(why, -EIO, "oocview drew %d frames instead of %zu", r, room);
 	if (r >= 0) {
-		qsort(ms + half, half, sizeof(*ms), compare_doubles);
-		*ret_p95_ms = ms[half + (half * 95 + 99) / 100 - 1];
+		*ret_p95_ms = percentile_of(ms + half, half, 0.95);
 		*ret_triangles = 0.0;
 		for (size_t i = half; i < room; i++)
 			*ret_triangles += triangles[i] / (double)half;
@@ -457,9 +450,9 @@ static void summarise(const struct chart *chart, struct chart_setting *setting)
 			fmax(setting->wrong_of_all_worst, view_at->wrong_of_all);
 	}
 	memcpy(sorted, setting->p95_ms, sizeof(sorted));
-	setting->ms = measure_spread_of(sorted, setting->repeat_count);
+	setting->ms = spread_of(sorted, setting->repeat_count);
 	memcpy(sorted, setting->p95_of_control, sizeof(sorted));
-	setting->of_control = measure_spread_of(sorted, setting->repeat_count);
+	setting->of_control = spread_of(sorted, setting->repeat_count);
 }
 
 int chart_measure(struct chart *chart, struct why *why)

@@ -20,7 +20,7 @@
 
 #include "formats/base/why.h"
 #include "libclient/select/camera.h"
-#include "tools/bench/measure.h"
+#include "tools/bench/figures.h"
 #include "tools/bench/rgb_image.h"
 
 #define CHART_OPTION_COUNT_MAX  8u
@@ -52,8 +52,8 @@ struct chart_setting {
 	double wrong_of_covered_mean, wrong_of_covered_worst;
 	double wrong_of_all_mean, wrong_of_all_worst;
 	double colour_mean, flip_mean;
-	struct measure_spread ms;
-	struct measure_spread of_control;
+	struct spread ms;
+	struct spread of_control;
 };
 
 /** The views of one scene: pieces of a path, of `burst` frames that follow each other. */

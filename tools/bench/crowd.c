@@ -5,6 +5,7 @@
 #include <errno.h>
 #include <inttypes.h>
 #include <signal.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -15,11 +16,14 @@
 
 #include "formats/base/bytes.h"
 #include "formats/base/clock.h"
+#include "formats/base/log.h"
 #include "formats/store/store_checksum.h"
 #include "formats/store/store_file.h"
 #include "libclient/ooc/client.h"
 #include "tools/bench/crowd_client.h"
 #include "tools/bench/crowd_hostile.h"
+#include "tools/bench/measure.h"
+#include "tools/bench/report.h"
 
 /* What the daemon may take to give back what the killed had, and how often that is asked. */
 #define SETTLE_NS (10 * NS_PER_S)
@@ -474,7 +478,8 @@ int crowd_run(const struct crowd_config *config, struct crowd_result *ret, struc
 
 /* ---- the report ---- */
 
-int crowd_report(const struct crowd_config *config, const struct crowd_result *result, bool is_json)
+static void crowd_report(const struct crowd_config *config, const struct crowd_result *result,
+			 bool is_json)
 {
 	struct report report;
 
@@ -520,8 +525,24 @@ int crowd_report(const struct crowd_config *config, const struct crowd_result *r
 	report_number(&report, "memory_late_bytes", "own memory at its end",
 		      (double)result->memory_late_bytes, "bytes");
 	report_end(&report);
-	return result->wrong > 0 || result->failed > 0 || result->leaked_descriptors > 0 ||
-			       result->leaked_holds_bytes > 0 || result->leaked_sessions > 0
-		       ? 1
-		       : 0;
+}
+
+static bool is_sound(const struct crowd_result *result)
+{
+	return result->wrong == 0 && result->failed == 0 && result->leaked_descriptors <= 0 &&
+	       result->leaked_holds_bytes == 0 && result->leaked_sessions == 0;
+}
+
+int crowd_main(const char *verb, const struct crowd_config *config, bool is_json)
+{
+	struct crowd_result result;
+	struct why why = { "" };
+
+	log_info("%s: seed %" PRIu64, verb, config->seed);
+	if (crowd_run(config, &result, &why) < 0) {
+		log_error("%s: %s", verb, why.text);
+		return 1;
+	}
+	crowd_report(config, &result, is_json);
+	return is_sound(&result) ? 0 : 1;
 }

@@ -15,11 +15,10 @@
 #ifndef TOOLS_BENCH_CROWD_H
 #define TOOLS_BENCH_CROWD_H
 
+#include <stdbool.h>
 #include <stdint.h>
-#include <stdio.h>
 
 #include "formats/base/why.h"
-#include "tools/bench/measure.h"
 
 struct crowd_config {
 	const char *store;
@@ -68,8 +67,7 @@ struct crowd_result {
  */
 int crowd_run(const struct crowd_config *config, struct crowd_result *ret, struct why *why);
 
-/** Prints it.  Returns: 0 when nothing was wrong, failed or leaked, else 1. */
-int crowd_report(const struct crowd_config *config, const struct crowd_result *result,
-		 bool is_json);
+/** Runs it for a verb and prints what it found.  Returns: the exit status, 0 when nothing was wrong. */
+int crowd_main(const char *verb, const struct crowd_config *config, bool is_json);
 
 #endif /* TOOLS_BENCH_CROWD_H */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /**
- * measure.h - what the verbs of oocbench share: other programs run and timed, spreads, a folder for
- * scratch, and results as a table for people or as JSON for programs.
+ * measure.h - what the verbs of oocbench share: other programs run and timed, a daemon of their own,
+ * a folder for scratch.
  *
  * Threads: the main thread.
  */
@@ -103,46 +103,5 @@ int measure_cpu_seconds(pid_t pid, double *ret);
 /** Makes a folder below `parent` (NULL: $TMPDIR or /var/tmp). Returns: 0 or -errno. */
 int measure_scratch_make(const char *parent, char ret[PATH_MAX], struct why *why);
 void measure_scratch_remove(const char *folder);
-
-/* ---- figures ---- */
-
-struct measure_spread {
-	double low, median, high;
-};
-
-/** Sorts the values. count > 0. */
-struct measure_spread measure_spread_of(double *values, size_t count);
-
-/** Results under construction. */
-
-/** Of many: the middle, the slow ones, the slowest. */
-struct measure_tail {
-	double median;
-	double percentile_99;
-	double highest;
-};
-/** Sorts the values; count > 0. */
-struct measure_tail measure_tail_of(double *values, size_t count);
-
-struct report {
-	FILE *out;
-	bool is_json;
-	unsigned depth;
-	bool is_first; /* in its object */
-};
-
-void report_begin(struct report *report, bool is_json);
-void report_end(struct report *report);
-/** A row: "title  value unit"; in JSON "key": value. */
-void report_number(struct report *report, const char *key, const char *title, double value,
-		   const char *unit);
-void report_text(struct report *report, const char *key, const char *title, const char *value);
-void report_spread(struct report *report, const char *key, const char *title,
-		   struct measure_spread spread, const char *unit);
-void report_tail(struct report *report, const char *key, const char *title,
-		 struct measure_tail tail, const char *unit);
-/** An object within the object; for people, a heading. */
-void report_group_begin(struct report *report, const char *key, const char *title);
-void report_group_end(struct report *report);
 
 #endif /* TOOLS_BENCH_MEASURE_H */

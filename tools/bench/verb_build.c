@@ -19,7 +19,9 @@
 #include "formats/base/text.h"
 #include "tools/bench/arguments.h"
 #include "tools/bench/bench.h"
+#include "tools/bench/figures.h"
 #include "tools/bench/measure.h"
+#include "tools/bench/report.h"
 
 #define REPEATS_MAX 1000u
 /** Reads and writes of the floor. */
@@ -241,10 +243,10 @@ static void build_report(struct build *build)
 {
 	const struct build_options *options = build->options;
 	size_t count = options->repeat_count;
-	struct measure_spread seconds = measure_spread_of(build->build_seconds, count);
-	struct measure_spread rates = { build->triangle_count / seconds.high / 1e6,
-					build->triangle_count / seconds.median / 1e6,
-					build->triangle_count / seconds.low / 1e6 };
+	struct spread seconds = spread_of(build->build_seconds, count);
+	struct spread rates = { build->triangle_count / seconds.high / 1e6,
+				build->triangle_count / seconds.median / 1e6,
+				build->triangle_count / seconds.low / 1e6 };
 	struct report report;
 
 	report_begin(&report, options->is_json);
@@ -255,12 +257,11 @@ static void build_report(struct build *build)
 	report_number(&report, "repeats", "repeats", (double)count, "");
 	report_spread(&report, "seconds", "build", seconds, "s");
 	report_spread(&report, "cpu_seconds", "processor time of the build",
-		      measure_spread_of(build->build_cpu_seconds, count), "s");
+		      spread_of(build->build_cpu_seconds, count), "s");
 	report_spread(&report, "mtriangles_s", "speed", rates, "Mtriangles/s");
-	report_spread(&report, "floor_seconds", "floor",
-		      measure_spread_of(build->floor_seconds, count), "s");
-	report_spread(&report, "ratio", "build / floor", measure_spread_of(build->ratios, count),
-		      "");
+	report_spread(&report, "floor_seconds", "floor", spread_of(build->floor_seconds, count),
+		      "s");
+	report_spread(&report, "ratio", "build / floor", spread_of(build->ratios, count), "");
 	report_number(&report, "memory_bound_bytes", "memory allowed",
 		      (double)options->memory_bytes, "bytes");
 	report_number(&report, "peak_rss_bytes", "memory at most", build->peak_rss_bytes, "bytes");

@@ -17,9 +17,11 @@
 #include "tools/bench/arguments.h"
 #include "tools/bench/bench.h"
 #include "tools/bench/contest.h"
+#include "tools/bench/figures.h"
 #include "tools/bench/frames.h"
 #include "tools/bench/measure.h"
 #include "tools/bench/plot.h"
+#include "tools/bench/report.h"
 #include "tools/bench/viewers.h"
 
 #define REPEATS_MAX 100u
@@ -376,10 +378,10 @@ static void report_cost(struct report *report, const char *key, const char *titl
 			struct frames_cost *cost)
 {
 	report_group_begin(report, key, title);
-	report_tail(report, "set_us", "dispatch and set",
-		    measure_tail_of(cost->set_us, cost->count), "us");
-	report_tail(report, "map_us", "map of every node",
-		    measure_tail_of(cost->map_us, cost->count), "us");
+	report_distribution(report, "set_us", "dispatch and set",
+			    distribution_of(cost->set_us, cost->count), "us");
+	report_distribution(report, "map_us", "map of every node",
+			    distribution_of(cost->map_us, cost->count), "us");
 	if (cost->system_calls >= 0.0)
 		report_number(report, "system_calls", "system calls a frame", cost->system_calls,
 			      "");
@@ -418,7 +420,7 @@ static void report_ratio(struct cache *cache, struct report *report, size_t regi
 	for (size_t i = 0; i < theirs->round_count; i++)
 		ratios[i] = ours->nodes_s[i] / theirs->nodes_s[i];
 	(void)snprintf(title, sizeof(title), "oocd / %s", contestants[number]->name);
-	report_spread(report, "ratio", title, measure_spread_of(ratios, theirs->round_count), "");
+	report_spread(report, "ratio", title, spread_of(ratios, theirs->round_count), "");
 }
 
 static void report_score(struct cache *cache, struct report *report, size_t regime, size_t number)
@@ -431,8 +433,8 @@ static void report_score(struct cache *cache, struct report *report, size_t regi
 		/* Before spreads, which sort. */
 		if (number > 0 && cache->scores[regime][0].is_there)
 			report_ratio(cache, report, regime, number);
-		report_tail(report, "frame_us", "a frame",
-			    measure_tail_of(score->frame_us, frame_count), "us");
+		report_distribution(report, "frame_us", "a frame",
+				    distribution_of(score->frame_us, frame_count), "us");
 	} else {
 		report_text(report, "missing", "not measured", cache->missing[regime][number].text);
 	}
@@ -457,8 +459,8 @@ static void report_regime(struct cache *cache, struct report *report, size_t reg
 			continue;
 		(void)snprintf(key, sizeof(key), "%s_nodes_s", contestants[i]->name);
 		(void)snprintf(title, sizeof(title), "%s, nodes a second", contestants[i]->name);
-		report_spread(report, key, title,
-			      measure_spread_of(score->nodes_s, score->round_count), "");
+		report_spread(report, key, title, spread_of(score->nodes_s, score->round_count),
+			      "");
 	}
 	report_group_end(report);
 }
@@ -475,7 +477,7 @@ static void report_viewers(struct cache *cache, struct report *report)
 
 		report_group_begin(report, viewers_cases[i].key, viewers_cases[i].title);
 		report_spread(report, "private_bytes", "memory of each alone",
-			      measure_spread_of(memory->private_bytes, count), "bytes");
+			      spread_of(memory->private_bytes, count), "bytes");
 		report_number(report, "all_bytes", "memory of all, what they share counted once",
 			      memory->all_bytes, "bytes");
 		report_number(

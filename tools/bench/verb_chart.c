@@ -21,6 +21,7 @@
 #include "tools/bench/delivery.h"
 #include "tools/bench/measure.h"
 #include "tools/bench/path.h"
+#include "tools/bench/report.h"
 #include "tools/bench/tour.h"
 
 #define SIDE_MAX    4096u

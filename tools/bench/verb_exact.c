@@ -29,6 +29,7 @@
 #include "tools/bench/explain.h"
 #include "tools/bench/measure.h"
 #include "tools/bench/reference.h"
+#include "tools/bench/report.h"
 #include "tools/bench/viewer_image.h"
 
 #define VIEWS_MAX          100000u

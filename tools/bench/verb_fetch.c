@@ -20,7 +20,9 @@
 #include "libclient/ooc/client.h"
 #include "tools/bench/arguments.h"
 #include "tools/bench/bench.h"
+#include "tools/bench/figures.h"
 #include "tools/bench/measure.h"
+#include "tools/bench/report.h"
 
 #define REPEATS_MAX 1000u
 #define DEPTH_MAX   1024u
@@ -319,23 +321,22 @@ static void fetch_report(struct fetch *fetch)
 		fetch->daemon_rates[i] /= 1e6;
 		fetch->fio_rates[i] /= 1e6;
 	}
-	report_spread(&report, "daemon_mb_s", "through oocd",
-		      measure_spread_of(fetch->daemon_rates, count), "MB/s");
+	report_spread(&report, "daemon_mb_s", "through oocd", spread_of(fetch->daemon_rates, count),
+		      "MB/s");
 	if (fetch->has_fio) {
-		report_spread(&report, "fio_mb_s", "fio",
-			      measure_spread_of(fetch->fio_rates, count), "MB/s");
-		report_spread(&report, "ratio", "oocd / fio",
-			      measure_spread_of(fetch->ratios, count), "");
+		report_spread(&report, "fio_mb_s", "fio", spread_of(fetch->fio_rates, count),
+			      "MB/s");
+		report_spread(&report, "ratio", "oocd / fio", spread_of(fetch->ratios, count), "");
 	} else {
 		report_text(&report, "fio_mb_s", "fio", "is not installed: apt-get install fio");
 	}
 	report_spread(&report, "cpu_s_per_gb", "oocd's processor time, a GB decoded",
-		      measure_spread_of(fetch->cpu_seconds, count), "s");
+		      spread_of(fetch->cpu_seconds, count), "s");
 	if (fetch->has_fio)
 		report_spread(&report, "fio_cpu_s_per_gb", "fio's, a GB read and not looked at",
-			      measure_spread_of(fetch->fio_cpu_seconds, count), "s");
+			      spread_of(fetch->fio_cpu_seconds, count), "s");
 	report_spread(&report, "cold_share", "share that had to be read",
-		      measure_spread_of(fetch->cold_shares, count), "");
+		      spread_of(fetch->cold_shares, count), "");
 	report_end(&report);
 }
 

@@ -12,8 +12,8 @@
 #include "libclient/select/camera.h"
 #include "tools/bench/arguments.h"
 #include "tools/bench/bench.h"
-#include "tools/bench/measure.h"
 #include "tools/bench/path.h"
+#include "tools/bench/report.h"
 
 #define FRAMES_MAX 1000000u
 

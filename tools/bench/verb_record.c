@@ -23,6 +23,7 @@
 #include "tools/bench/arguments.h"
 #include "tools/bench/bench.h"
 #include "tools/bench/measure.h"
+#include "tools/bench/report.h"
 
 #define VIEWERS_MAX 64u
 #define LAPS_MAX    1000u

@@ -21,6 +21,7 @@
 #include "tools/bench/measure.h"
 #include "tools/bench/plot.h"
 #include "tools/bench/replay_cache.h"
+#include "tools/bench/report.h"
 
 #define SIZES_MAX    32u
 #define MIB_OF(n)    ((n) / (double)MIB)

@@ -19,7 +19,9 @@
 #include "libclient/select/select.h"
 #include "tools/bench/arguments.h"
 #include "tools/bench/bench.h"
+#include "tools/bench/figures.h"
 #include "tools/bench/measure.h"
+#include "tools/bench/report.h"
 #include "tools/bench/resident.h"
 
 #define VIEWS_MAX 1000000u
@@ -399,7 +401,6 @@ static void report_figures(struct report *report, const char *key, const char *t
 {
 	double *sorted = calloc(figures->count + 1, sizeof(*sorted));
 	size_t count = figures->count;
-	char text[128];
 
 	if (!sorted || count == 0) {
 		free(sorted);
@@ -407,18 +408,7 @@ static void report_figures(struct report *report, const char *key, const char *t
 	}
 	for (size_t i = 0; i < count; i++)
 		sorted[i] = figures->values[i] * scale;
-	(void)measure_spread_of(sorted, count);
-	if (report->is_json) {
-		report_group_begin(report, key, title);
-		report_number(report, "median", "", sorted[count / 2], unit);
-		report_number(report, "p99", "", sorted[(count - 1) * 99 / 100], unit);
-		report_number(report, "max", "", sorted[count - 1], unit);
-		report_group_end(report);
-	} else {
-		(void)snprintf(text, sizeof(text), "%.4g  p99 %.4g  max %.4g %s", sorted[count / 2],
-			       sorted[(count - 1) * 99 / 100], sorted[count - 1], unit);
-		report_text(report, key, title, text);
-	}
+	report_distribution(report, key, title, distribution_of(sorted, count), unit);
 	free(sorted);
 }
 

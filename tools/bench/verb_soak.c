@@ -1,10 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /* oocbench soak: hours in which everything fails now and then. */
-#include <inttypes.h>
-#include <stdio.h>
+#include <stddef.h>
 
 #include "formats/base/bytes.h"
-#include "formats/base/log.h"
 #include "tools/bench/arguments.h"
 #include "tools/bench/bench.h"
 #include "tools/bench/crowd.h"
@@ -43,7 +41,6 @@ int verb_soak(int argc, char **argv)
 		.error_permille = 10,
 		.seed = 1,
 	};
-	struct crowd_result result;
 	bool is_json = false;
 	const struct argument table[] = {
 		{ "seconds", ARGUMENT_NUMBER, &config.seconds, 1 },
@@ -60,16 +57,10 @@ int verb_soak(int argc, char **argv)
 	};
 	const struct arguments arguments = { "soak", help, table, 1, 1, "name one store" };
 	char **operands;
-	struct why why = { "" };
 	int r = arguments_parse(&arguments, argc, argv, &operands);
 
 	if (r != ARGUMENTS_OK)
 		return r;
 	config.store = operands[0];
-	log_info("soak: seed %" PRIu64, config.seed);
-	if (crowd_run(&config, &result, &why) < 0) {
-		log_error("soak: %s", why.text);
-		return 1;
-	}
-	return crowd_report(&config, &result, is_json);
+	return crowd_main("soak", &config, is_json);
 }

@@ -1,10 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /* oocbench stress: many clients that are killed all the while, and what the living notice of it. */
-#include <inttypes.h>
-#include <stdio.h>
+#include <stddef.h>
 
 #include "formats/base/bytes.h"
-#include "formats/base/log.h"
 #include "tools/bench/arguments.h"
 #include "tools/bench/bench.h"
 #include "tools/bench/crowd.h"
@@ -40,7 +38,6 @@ int verb_stress(int argc, char **argv)
 		.kill_ms = 100,
 		.seed = 1,
 	};
-	struct crowd_result result;
 	bool is_json = false;
 	const struct argument table[] = {
 		{ "clients", ARGUMENT_NUMBER, &config.client_count, 1, 500 },
@@ -56,16 +53,10 @@ int verb_stress(int argc, char **argv)
 	};
 	const struct arguments arguments = { "stress", help, table, 1, 1, "name one store" };
 	char **operands;
-	struct why why = { "" };
 	int r = arguments_parse(&arguments, argc, argv, &operands);
 
 	if (r != ARGUMENTS_OK)
 		return r;
 	config.store = operands[0];
-	log_info("stress: seed %" PRIu64, config.seed);
-	if (crowd_run(&config, &result, &why) < 0) {
-		log_error("stress: %s", why.text);
-		return 1;
-	}
-	return crowd_report(&config, &result, is_json);
+	return crowd_main("stress", &config, is_json);
 }

@@ -20,9 +20,11 @@
 #include "formats/base/log.h"
 #include "tools/bench/arguments.h"
 #include "tools/bench/bench.h"
+#include "tools/bench/figures.h"
 #include "tools/bench/judge.h"
 #include "tools/bench/measure.h"
 #include "tools/bench/plot.h"
+#include "tools/bench/report.h"
 #include "tools/bench/tour.h"
 
 #define FRAMES_MAX 1000000u
@@ -318,89 +320,28 @@ static double column_of(const struct run *run, uint32_t frame, enum column colum
 	return 0.0;
 }
 
-static int compare_doubles(const void *left, const void *right)
-{
-	double a = *(const double *)left;
-	double b = *(const double *)right;
-
-	return a < b ? -1 : a > b;
-}
-
-struct distribution {
-	double mean, median, p99, greatest;
-	double *sorted;
-	size_t count;
-};
-
-/* values: sorted here. */
-static struct distribution distribution_of(double *values, size_t count)
-{
-	struct distribution ret = { .sorted = values, .count = count };
-
-	if (count == 0)
-		return ret;
-	qsort(values, count, sizeof(*values), compare_doubles);
-	for (size_t i = 0; i < count; i++)
-		ret.mean += values[i] / (double)count;
-	ret.median = values[count / 2];
-	ret.p99 = values[(count * 99 + 99) / 100 - 1];
-	ret.greatest = values[count - 1];
-	return ret;
-}
-
-/* Share of the values above a bound. */
-static double share_above(const struct distribution *distribution, double bound)
-{
-	size_t above = 0;
-
-	for (size_t i = 0; i < distribution->count; i++)
-		above += distribution->sorted[i] > bound;
-	return distribution->count > 0 ? (double)above / (double)distribution->count : 0.0;
-}
-
-static void report_distribution(struct report *report, const char *key, const char *title,
-				const struct distribution *distribution, const char *unit)
-{
-	char text[128];
-
-	if (report->is_json) {
-		report_group_begin(report, key, title);
-		report_number(report, "mean", "", distribution->mean, unit);
-		report_number(report, "median", "", distribution->median, unit);
-		report_number(report, "p99", "", distribution->p99, unit);
-		report_number(report, "max", "", distribution->greatest, unit);
-		report_group_end(report);
-		return;
-	}
-	(void)snprintf(text, sizeof(text), "mean %.4g  median %.4g  p99 %.4g  max %.4g %s",
-		       distribution->mean, distribution->median, distribution->p99,
-		       distribution->greatest, unit);
-	report_text(report, key, title, text);
-}
-
 static void report_frames(struct report *report, const struct run *run, double *values)
 {
 	size_t count = run->tour.frame_count;
-	struct distribution distribution;
+	struct distribution frame_ms;
 
 	for (uint32_t i = 0; i < count; i++)
 		values[i] = column_of(run, i, COLUMN_MS);
-	distribution = distribution_of(values, count);
-	report_distribution(report, "frame_ms", "frame", &distribution, "ms");
+	frame_ms = distribution_of(values, count);
+	report_distribution(report, "frame_ms", "frame", frame_ms, "ms");
 	report_number(report, "below_1_fps", "frames below 1 fps",
-		      100.0 * share_above(&distribution, 1000.0), "%");
+		      100.0 * share_above(values, count, 1000.0), "%");
 	report_number(report, "above_twice_median", "frames above twice the median",
-		      100.0 * share_above(&distribution, 2.0 * distribution.median), "%");
+		      100.0 * share_above(values, count, 2.0 * frame_ms.median), "%");
 	if (run->options.waits)
 		return;
 	count = 0;
 	for (size_t i = run->tour.begun; i < run->tour.frame_count; i++)
 		values[count++] = column_of(run, (uint32_t)i, COLUMN_WRONG);
-	distribution = distribution_of(values, count);
 	report_number(report, "first_complete", "first frame that lacked nothing",
 		      (double)run->tour.begun, "");
 	report_distribution(report, "unsettled", "covered pixels that differ from settled",
-			    &distribution, "%");
+			    distribution_of(values, count), "%");
 }
 
 static double percent(uint64_t part, uint64_t whole)
@@ -412,16 +353,14 @@ static void report_nodes(struct report *report, struct run *run)
 {
 	struct tour_firsts *firsts = &run->tour.firsts;
 	const struct tour_prefetches *prefetches = &run->tour.prefetches;
-	struct distribution distribution;
 
 	report_number(report, "nodes", "nodes wanted", (double)firsts->count, "");
 	report_number(report, "ready_before", "of these there before they were wanted",
 		      percent(firsts->ready_count, firsts->count), "%");
-	distribution = distribution_of(firsts->waits_frames, firsts->drawn_count);
-	report_distribution(report, "wait_frames", "from first wanted to drawn", &distribution,
-			    "frames");
-	distribution = distribution_of(firsts->waits_ms, firsts->drawn_count);
-	report_distribution(report, "wait_ms", "the same", &distribution, "ms");
+	report_distribution(report, "wait_frames", "from first wanted to drawn",
+			    distribution_of(firsts->waits_frames, firsts->drawn_count), "frames");
+	report_distribution(report, "wait_ms", "the same",
+			    distribution_of(firsts->waits_ms, firsts->drawn_count), "ms");
 	report_number(report, "never_drawn", "wanted and never drawn",
 		      percent(firsts->count - firsts->drawn_count, firsts->count), "%");
 	report_number(report, "fetched_mb", "read for sets", (double)run->tour.fetched_bytes * 1e-6,
@@ -432,27 +371,25 @@ static void report_nodes(struct report *report, struct run *run)
 		return;
 	report_number(report, "used", "read ahead and wanted within 60 frames",
 		      percent(prefetches->used_bytes, prefetches->came_bytes), "% of bytes");
-	distribution = distribution_of(firsts->leads_frames, firsts->lead_count);
-	report_distribution(report, "lead_frames", "how long before", &distribution, "frames");
+	report_distribution(report, "lead_frames", "how long before",
+			    distribution_of(firsts->leads_frames, firsts->lead_count), "frames");
 }
 
 static void report_accuracy(struct report *report, const struct walk_verb *verb)
 {
 	double *values = calloc(verb->accuracy_count + 1, sizeof(*values));
-	struct distribution distribution;
 
 	if (!values)
 		return;
 	report_group_begin(report, "accuracy", "the chosen sets against the exact pictures");
 	for (size_t i = 0; i < verb->accuracy_count; i++)
 		values[i] = 100.0 * (1.0 - verb->accuracy_of_all[i]);
-	distribution = distribution_of(values, verb->accuracy_count);
-	report_distribution(report, "wrong_of_all", "wrong of all pixels", &distribution, "%");
+	report_distribution(report, "wrong_of_all", "wrong of all pixels",
+			    distribution_of(values, verb->accuracy_count), "%");
 	for (size_t i = 0; i < verb->accuracy_count; i++)
 		values[i] = 100.0 * (1.0 - verb->accuracy_of_covered[i]);
-	distribution = distribution_of(values, verb->accuracy_count);
-	report_distribution(report, "wrong_of_covered", "wrong of covered pixels", &distribution,
-			    "%");
+	report_distribution(report, "wrong_of_covered", "wrong of covered pixels",
+			    distribution_of(values, verb->accuracy_count), "%");
 	report_group_end(report);
 	free(values);
 }
