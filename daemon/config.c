@@ -11,7 +11,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "daemon/disk.h"
+#include "daemon/fetch/disk.h"
 #include "daemon/limits.h"
 #include "formats/base/bytes.h"
 #include "formats/base/check.h"

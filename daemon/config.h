@@ -18,7 +18,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "daemon/server.h"
+#include "daemon/server/server.h"
 #include "formats/base/why.h"
 
 /** What is said on the command line: an option's name without dashes, and "yes" where it takes no value. */

@@ -10,10 +10,10 @@
 #include <systemd/sd-daemon.h>
 
 #include "daemon/config.h"
-#include "daemon/handover.h"
 #include "daemon/limits.h"
-#include "daemon/memory.h"
-#include "daemon/server.h"
+#include "daemon/restart/handover.h"
+#include "daemon/server/memory.h"
+#include "daemon/server/server.h"
 #include "formats/base/bytes.h"
 #include "formats/base/file.h"
 #include "formats/base/log.h"

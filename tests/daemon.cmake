@@ -8,7 +8,7 @@ foreach(module cache queues visible)
 endforeach()
 
 # The state machine with checks that a test can see fail.
-oocd_test(test_node unit SOURCES unit/test_node.c ${CMAKE_SOURCE_DIR}/daemon/node.c
+oocd_test(test_node unit SOURCES unit/test_node.c ${CMAKE_SOURCE_DIR}/daemon/cache/node.c
 	LINK oocd_base oocd_test_helper)
 target_compile_definitions(test_node PRIVATE OOCD_UNIT_TESTING)
 

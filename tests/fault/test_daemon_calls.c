@@ -19,7 +19,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "daemon/session.h"
+#include "daemon/server/session.h"
 #include "formats/base/bytes.h"
 #include "formats/base/file.h"
 #include "tests/helper.h"

@@ -15,8 +15,8 @@
 
 #include "formats/base/bytes.h"
 #include "tests/helper.h"
-#include "tools/bench/bound.h"
-#include "tools/bench/replay_cache.h"
+#include "tools/bench/replay/bound.h"
+#include "tools/bench/replay/replay_cache.h"
 
 #define CACHE_BYTES (38 * MIB)
 

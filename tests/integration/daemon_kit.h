@@ -14,7 +14,7 @@
 #include <stdint.h>
 #include <sys/types.h>
 
-#include "daemon/server.h"
+#include "daemon/server/server.h"
 #include "formats/store/layout.h"
 #include "libclient/wire.h"
 

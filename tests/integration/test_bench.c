@@ -21,7 +21,7 @@
 #include "formats/store/store_file.h"
 #include "libclient/select/camera.h"
 #include "tests/helper.h"
-#include "tools/bench/explain.h"
+#include "tools/bench/accuracy/explain.h"
 
 static uint64_t random_state = 1;
 

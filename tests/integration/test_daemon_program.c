@@ -29,7 +29,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "daemon/memory.h"
+#include "daemon/server/memory.h"
 #include "formats/base/bytes.h"
 #include "tests/helper.h"
 #include "tests/integration/daemon_kit.h"

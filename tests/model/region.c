@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "daemon/memfile.h"
+#include "daemon/arena/memfile.h"
 #include "formats/base/bytes.h"
 #include "formats/base/check.h"
 

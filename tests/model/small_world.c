@@ -6,8 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "daemon/division.h"
-#include "daemon/visible.h"
+#include "daemon/sharing/division.h"
+#include "daemon/sharing/visible.h"
 #include "formats/base/bytes.h"
 #include "formats/base/check.h"
 #include "tests/model/region.h"

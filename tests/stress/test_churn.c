@@ -18,8 +18,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "daemon/division.h"
 #include "daemon/limits.h"
+#include "daemon/sharing/division.h"
 #include "formats/base/bytes.h"
 #include "formats/base/clock.h"
 #include "tests/helper.h"

@@ -13,8 +13,8 @@
 #include <errno.h>
 #include <string.h>
 
-#include "daemon/accounts.h"
 #include "daemon/limits.h"
+#include "daemon/sharing/accounts.h"
 #include "formats/base/clock.h"
 #include "tests/helper.h"
 

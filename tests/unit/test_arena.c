@@ -19,7 +19,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "daemon/arena.h"
+#include "daemon/arena/arena.h"
 #include "formats/base/bytes.h"
 #include "formats/base/file.h"
 #include "tests/helper.h"

@@ -14,7 +14,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "daemon/cache.h"
+#include "daemon/cache/cache.h"
 #include "daemon/limits.h"
 #include "formats/base/bytes.h"
 #include "tests/helper.h"

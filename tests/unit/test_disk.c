@@ -8,7 +8,7 @@
 
 #include <errno.h>
 
-#include "daemon/disk.h"
+#include "daemon/fetch/disk.h"
 #include "formats/base/bytes.h"
 #include "formats/base/clock.h"
 #include "tests/helper.h"

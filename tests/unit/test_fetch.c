@@ -17,7 +17,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "daemon/fetch.h"
+#include "daemon/fetch/fetch.h"
 #include "daemon/limits.h"
 #include "formats/base/bytes.h"
 #include "formats/base/clock.h"

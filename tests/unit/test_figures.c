@@ -8,7 +8,7 @@
 
 #include "formats/base/bytes.h"
 #include "tests/helper.h"
-#include "tools/bench/figures.h"
+#include "tools/bench/base/figures.h"
 
 static void the_middle_of_an_even_number_lies_between_two(void **state)
 {

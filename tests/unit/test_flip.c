@@ -14,7 +14,7 @@
 
 #include "formats/base/bytes.h"
 #include "tests/helper.h"
-#include "tools/bench/flip.h"
+#include "tools/bench/accuracy/flip.h"
 
 #define WIDTH  64
 #define HEIGHT 48

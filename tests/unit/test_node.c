@@ -7,7 +7,7 @@
 
 #include <cmocka.h>
 
-#include "daemon/node.h"
+#include "daemon/cache/node.h"
 #include "formats/base/bytes.h"
 #include "tests/helper.h"
 

@@ -13,7 +13,7 @@
 #include <string.h>
 
 #include "daemon/counters.h"
-#include "daemon/openmetrics.h"
+#include "daemon/server/openmetrics.h"
 #include "formats/base/bytes.h"
 #include "tests/helper.h"
 #include "tests/openmetrics_judge.h"

@@ -11,7 +11,7 @@
 #include <string.h>
 
 #include "tests/helper.h"
-#include "tools/bench/page.h"
+#include "tools/bench/base/page.h"
 
 static char *text_of(const char *path)
 {

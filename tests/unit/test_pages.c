@@ -10,7 +10,7 @@
 #include <errno.h>
 #include <stdlib.h>
 
-#include "daemon/pages.h"
+#include "daemon/arena/pages.h"
 #include "tests/helper.h"
 
 #define PAGE_COUNT 1000u

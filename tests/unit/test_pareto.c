@@ -8,7 +8,7 @@
 
 #include "formats/base/bytes.h"
 #include "tests/helper.h"
-#include "tools/bench/pareto.h"
+#include "tools/bench/accuracy/pareto.h"
 
 static void pareto_front_is_what_nothing_beats(void **state)
 {

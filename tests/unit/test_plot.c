@@ -11,8 +11,8 @@
 #include <string.h>
 
 #include "tests/helper.h"
-#include "tools/bench/measure.h"
-#include "tools/bench/plot.h"
+#include "tools/bench/base/measure.h"
+#include "tools/bench/base/plot.h"
 
 static const double ys[] = { 1.0, 4.0, 0.0, 9.0 };
 

@@ -18,7 +18,7 @@
 #include <unistd.h>
 
 #include "daemon/limits.h"
-#include "daemon/queues.h"
+#include "daemon/sharing/queues.h"
 #include "formats/base/bytes.h"
 #include "formats/base/clock.h"
 #include "tests/helper.h"

@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "daemon/replacement.h"
+#include "daemon/cache/replacement.h"
 #include "formats/base/bytes.h"
 #include "tests/helper.h"
 

@@ -18,8 +18,8 @@
 #include "formats/base/bytes.h"
 #include "formats/trace/trace_writer.h"
 #include "tests/helper.h"
-#include "tools/bench/bound.h"
-#include "tools/bench/replay_cache.h"
+#include "tools/bench/replay/bound.h"
+#include "tools/bench/replay/replay_cache.h"
 
 #define NODES_MAX   400u
 #define VIEWERS_MAX 4u

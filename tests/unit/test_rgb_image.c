@@ -11,7 +11,7 @@
 #include <string.h>
 
 #include "tests/helper.h"
-#include "tools/bench/rgb_image.h"
+#include "tools/bench/base/rgb_image.h"
 
 static uint8_t four[4 * 2 * 3];
 

@@ -17,7 +17,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-#include "daemon/fetch.h"
+#include "daemon/fetch/fetch.h"
 #include "formats/base/bytes.h"
 #include "tests/helper.h"
 

@@ -18,8 +18,8 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "daemon/division.h"
-#include "daemon/visible.h"
+#include "daemon/sharing/division.h"
+#include "daemon/sharing/visible.h"
 #include "formats/base/bytes.h"
 #include "formats/base/log.h"
 #include "tests/helper.h"

@@ -7,7 +7,7 @@
 
 #include <cmocka.h>
 
-#include "daemon/watchdog.h"
+#include "daemon/server/watchdog.h"
 #include "formats/base/clock.h"
 #include "tests/helper.h"
 

@@ -6,8 +6,8 @@
 
 #include "formats/base/bytes.h"
 #include "formats/base/log.h"
+#include "tools/bench/base/measure.h"
 #include "tools/bench/bench.h"
-#include "tools/bench/measure.h"
 
 static const struct verb {
 	const char *name;

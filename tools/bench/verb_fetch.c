@@ -18,11 +18,11 @@
 #include "formats/base/log.h"
 #include "formats/base/text.h"
 #include "libclient/ooc/client.h"
-#include "tools/bench/arguments.h"
+#include "tools/bench/base/arguments.h"
+#include "tools/bench/base/figures.h"
+#include "tools/bench/base/measure.h"
+#include "tools/bench/base/report.h"
 #include "tools/bench/bench.h"
-#include "tools/bench/figures.h"
-#include "tools/bench/measure.h"
-#include "tools/bench/report.h"
 
 #define REPEATS_MAX 1000u
 #define DEPTH_MAX   1024u

@@ -1,0 +1,35 @@
+/* SPDX-License-Identifier: MIT */
+/**
+ * division.h - who may hold what when more is wanted than fits: the cache is divided among the sets.
+ *
+ * Each user's account is guaranteed a share of the cache: what its policy says, or its part of the
+ * rest by weight.  An account's sessions that want something share it equally.  All sets are walked
+ * at the same time, each from its most important node, in steps of a sixteenth of its session's
+ * share; a node is *planned* when a walk comes to it and it still fits.  A walk ends where the next
+ * node does not fit.  So every set has its most important nodes at least up to its share (but for
+ * what one payload is too long), and what some do not claim goes to those who want more, by weight.
+ *
+ * A payload that several sets want is in the cache once and takes its room once; each of them is
+ * charged its part of it as its walk comes by.  Who does not come so far has it for nothing.
+ *
+ * The plan is a function of the sets, the weights and the budget alone, not of what happens to be in
+ * memory.  So it is the same for as long as no set changes: nothing can push back what pushed it out,
+ * neither between clients nor inside one set, and all reads end.
+ *
+ * Threads: loop thread.
+ * Source: max-min fairness by progressive filling, Bertsekas and Gallager (1992), sec. 6.5.2.
+ */
+#ifndef DAEMON_SHARING_DIVISION_H
+#define DAEMON_SHARING_DIVISION_H
+
+#include "daemon/sharing/room.h"
+#include "daemon/sharing/visible.h"
+
+/**
+ * Brings all sets to what they may hold, if anything has changed that they depend on.
+ *
+ * Cost: O(1) when nothing has; O(all wants) when more is wanted than fits.
+ */
+void division_settle(struct room *room);
+
+#endif /* DAEMON_SHARING_DIVISION_H */

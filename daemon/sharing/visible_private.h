@@ -1,0 +1,30 @@
+/* SPDX-License-Identifier: MIT */
+/** visible_private.h - what the two files of a set share: visible.c (sets), visible_admit.c (wants). */
+#ifndef DAEMON_SHARING_VISIBLE_PRIVATE_H
+#define DAEMON_SHARING_VISIBLE_PRIVATE_H
+
+#include "daemon/cache/recorder.h"
+#include "daemon/sharing/visible.h"
+
+/** Counts a want of a node in, or out: what is wanted of the cache at all. */
+void want_count_in(struct visible *visible, const struct want *want);
+void want_count_out(struct visible *visible, const struct want *want);
+
+static inline void want_record(const struct visible *visible, enum trace_kind kind,
+			       const struct want *want)
+{
+	recorder_want(visible_served_of(visible, want), kind, visible->session, want->node);
+}
+
+/** Counts a node that the set has begun to want: it is there, or missed. */
+void want_count_new(struct visible *visible, struct want *want);
+
+/** Gives a hold up, its grant first. */
+void want_release(struct visible *visible, struct want *want);
+
+void want_refuse(struct visible *visible, struct want *want, enum wire_reason reason);
+
+/** Gives a want that has room the state that its node's state says. */
+void want_admit(struct visible *visible, struct want *want);
+
+#endif /* DAEMON_SHARING_VISIBLE_PRIVATE_H */
