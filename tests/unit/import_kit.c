@@ -13,6 +13,7 @@
 
 #include <cmocka.h>
 
+#include "formats/base/bytes.h"
 #include "tests/helper.h"
 #include "tests/unit/import_kit.h"
 
@@ -263,4 +264,61 @@ void kit_print(struct kit_bytes *bytes, const char *format, ...)
 	assert_true(length >= 0);
 	kit_append(bytes, text, (size_t)length);
 	free(text);
+}
+
+void kit_assert_all_refused(const char *folder, const char *name, const struct kit_refusal *cases,
+			    size_t case_count)
+{
+	for (size_t i = 0; i < case_count; i++)
+		kit_assert_text_refused(folder, name, cases[i].text, cases[i].error,
+					cases[i].words);
+}
+
+void kit_assert_endless_refused(const char *folder, const char *name, const char *start)
+{
+	size_t size_bytes = 40 * MIB;
+	char *text = malloc(size_bytes);
+	struct kit_model *model;
+
+	assert_non_null(text);
+	memset(text, 'x', size_bytes);
+	memcpy(text, start, strlen(start));
+	model = kit_import_bytes(folder, name, text, size_bytes);
+	kit_assert_refused(model, -EUCLEAN, "bytes");
+	kit_model_free(model);
+	free(text);
+}
+
+void kit_assert_same_gzipped(const char *folder, const char *name, const struct kit_bytes *bytes)
+{
+	struct kit_model *expected = kit_import_bytes(folder, name, bytes->data, bytes->size_bytes);
+	struct kit_model *model;
+	char zipped[KIT_NAME_BYTES];
+
+	(void)snprintf(zipped, sizeof(zipped), "%s.gz", name);
+	kit_write_gzip(test_path(folder, zipped), bytes->data, bytes->size_bytes);
+	model = kit_import(test_path(folder, zipped), NULL);
+	kit_assert_same(expected, model);
+	kit_model_free(expected);
+	kit_model_free(model);
+}
+
+void kit_assert_same_within(const char *folder, const char *name, const struct kit_bytes *bytes,
+			    const uint64_t *memories, size_t memory_count)
+{
+	struct kit_model *expected = kit_import_bytes(folder, name, bytes->data, bytes->size_bytes);
+	char *scratch = test_folder_make();
+
+	for (size_t i = 0; i < memory_count; i++) {
+		struct import_options options = { .memory_bytes = memories[i],
+						  .scratch_directory = scratch };
+		struct kit_model *model = kit_import(test_path(folder, name), &options);
+
+		kit_assert_same(expected, model);
+		assert_int_equal(model->info.scratch_bytes_max > 0, memories[i] < MIB);
+		assert_string_equal(test_folder_list(scratch), "");
+		kit_model_free(model);
+	}
+	test_folder_remove(scratch);
+	kit_model_free(expected);
 }

@@ -67,6 +67,18 @@ void kit_assert_text_refused(const char *folder, const char *name, const char *t
 /** Fails unless both have the same parts and the same triangles in the same order. */
 void kit_assert_same(const struct kit_model *a, const struct kit_model *b);
 
+/** Fails unless every text is refused so; each is written to folder/name. */
+struct kit_refusal {
+	const char *text;
+	int error;
+	const char *words;
+};
+void kit_assert_all_refused(const char *folder, const char *name, const struct kit_refusal *cases,
+			    size_t case_count);
+
+/** Fails unless a file that goes on in one word for 40 MiB is refused for that. */
+void kit_assert_endless_refused(const char *folder, const char *name, const char *start);
+
 /** Twice the area vectors of all triangles, summed: it tells orientation and coverage. */
 void kit_area(const struct kit_model *model, double ret[3]);
 
@@ -88,5 +100,15 @@ struct kit_bytes {
 void kit_append(struct kit_bytes *bytes, const void *data, size_t size_bytes);
 void kit_print(struct kit_bytes *bytes, const char *format, ...)
 	__attribute__((format(printf, 2, 3)));
+
+/** Fails unless folder/name.gz gives the same as folder/name. */
+void kit_assert_same_gzipped(const char *folder, const char *name, const struct kit_bytes *bytes);
+
+/**
+ * Fails unless the same comes whatever the memory: where it is less than 1 MiB by scratch files, of
+ * which none is left.
+ */
+void kit_assert_same_within(const char *folder, const char *name, const struct kit_bytes *bytes,
+			    const uint64_t *memories, size_t memory_count);
 
 #endif /* TESTS_UNIT_IMPORT_KIT_H */

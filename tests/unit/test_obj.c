@@ -217,37 +217,16 @@ static void what_exceeds_memory_gives_the_same_triangles(void **state)
 {
 	static const uint64_t memories[] = { 70000, 200000, 16 * MIB };
 	struct kit_bytes bytes = mixed_model();
-	struct kit_model *expected =
-		kit_import_bytes(*state, "a.obj", bytes.data, bytes.size_bytes);
-	char *scratch = test_folder_make();
 
-	for (size_t i = 0; i < ARRAY_LENGTH(memories); i++) {
-		struct import_options options = { .memory_bytes = memories[i],
-						  .scratch_directory = scratch };
-		struct kit_model *model = kit_import(test_path(*state, "a.obj"), &options);
-
-		kit_assert_same(expected, model);
-		assert_int_equal(model->info.scratch_bytes_max > 0, memories[i] < MIB);
-		assert_string_equal(test_folder_list(scratch), "");
-		kit_model_free(model);
-	}
-	test_folder_remove(scratch);
-	kit_model_free(expected);
+	kit_assert_same_within(*state, "a.obj", &bytes, memories, ARRAY_LENGTH(memories));
 	free(bytes.data);
 }
 
 static void gzip_reads_the_same(void **state)
 {
 	struct kit_bytes bytes = mixed_model();
-	struct kit_model *expected =
-		kit_import_bytes(*state, "a.obj", bytes.data, bytes.size_bytes);
-	struct kit_model *model;
 
-	kit_write_gzip(test_path(*state, "a.obj.gz"), bytes.data, bytes.size_bytes);
-	model = kit_import(test_path(*state, "a.obj.gz"), NULL);
-	kit_assert_same(expected, model);
-	kit_model_free(expected);
-	kit_model_free(model);
+	kit_assert_same_gzipped(*state, "a.obj", &bytes);
 	free(bytes.data);
 }
 
@@ -255,11 +234,7 @@ static void gzip_reads_the_same(void **state)
 
 static void obj_refuses_what_is_wrong_with_the_line(void **state)
 {
-	static const struct {
-		const char *text;
-		int error;
-		const char *words;
-	} cases[] = {
+	static const struct kit_refusal cases[] = {
 		{ "", -ENODATA, "empty" },
 		{ "Dear Sir,\nthis is a letter.\n", -EUCLEAN, "no OBJ" },
 		{ "v 1 2\n", -EUCLEAN, "line 1" },
@@ -278,9 +253,7 @@ static void obj_refuses_what_is_wrong_with_the_line(void **state)
 		{ SQUARE "f 1 2 3 \\", -ENODATA, "line 5" },
 	};
 
-	for (size_t i = 0; i < ARRAY_LENGTH(cases); i++)
-		kit_assert_text_refused(*state, "a.obj", cases[i].text, cases[i].error,
-					cases[i].words);
+	kit_assert_all_refused(*state, "a.obj", cases, ARRAY_LENGTH(cases));
 }
 
 static void bytes_of_no_text_are_refused(void **state)

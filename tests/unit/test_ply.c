@@ -287,22 +287,8 @@ static void vertices_that_exceed_memory_give_the_same_triangles(void **state)
 	for (int extras = 0; extras < 2; extras++) {
 		struct kit_bytes bytes =
 			grid("binary_little_endian", "float", extras, "uchar", "int");
-		struct kit_model *expected =
-			kit_import_bytes(*state, "a.ply", bytes.data, bytes.size_bytes);
-		char *scratch = test_folder_make();
 
-		for (size_t i = 0; i < ARRAY_LENGTH(memories); i++) {
-			struct import_options options = { .memory_bytes = memories[i],
-							  .scratch_directory = scratch };
-			struct kit_model *model = kit_import(test_path(*state, "a.ply"), &options);
-
-			kit_assert_same(expected, model);
-			assert_int_equal(model->info.scratch_bytes_max > 0, memories[i] < MIB);
-			assert_string_equal(test_folder_list(scratch), "");
-			kit_model_free(model);
-		}
-		test_folder_remove(scratch);
-		kit_model_free(expected);
+		kit_assert_same_within(*state, "a.ply", &bytes, memories, ARRAY_LENGTH(memories));
 		free(bytes.data);
 	}
 }
@@ -328,15 +314,8 @@ static void vertices_that_exceed_memory_without_scratch_are_refused(void **state
 static void gzip_reads_the_same(void **state)
 {
 	struct kit_bytes bytes = grid("binary_little_endian", "double", true, "uchar", "int");
-	struct kit_model *expected =
-		kit_import_bytes(*state, "a.ply", bytes.data, bytes.size_bytes);
-	struct kit_model *model;
 
-	kit_write_gzip(test_path(*state, "a.ply.gz"), bytes.data, bytes.size_bytes);
-	model = kit_import(test_path(*state, "a.ply.gz"), NULL);
-	kit_assert_same(expected, model);
-	kit_model_free(expected);
-	kit_model_free(model);
+	kit_assert_same_gzipped(*state, "a.ply", &bytes);
 	free(bytes.data);
 }
 
@@ -370,11 +349,7 @@ static void a_cancelled_import_or_a_full_sink_ends_it(void **state)
 
 static void ply_refuses_what_is_no_ply(void **state)
 {
-	static const struct {
-		const char *text;
-		int error;
-		const char *words;
-	} cases[] = {
+	static const struct kit_refusal cases[] = {
 		{ "", -ENODATA, "empty" },
 		{ "Dear Sir,\nthis is a letter.\n", -EUCLEAN, "no PLY" },
 		{ "ply", -ENODATA, "header" },
@@ -397,9 +372,7 @@ static void ply_refuses_what_is_no_ply(void **state)
 		  -EUCLEAN, "line" },
 	};
 
-	for (size_t i = 0; i < ARRAY_LENGTH(cases); i++)
-		kit_assert_text_refused(*state, "a.ply", cases[i].text, cases[i].error,
-					cases[i].words);
+	kit_assert_all_refused(*state, "a.ply", cases, ARRAY_LENGTH(cases));
 }
 
 static void ply_refuses_a_count_that_the_file_cannot_hold_at_once(void **state)
@@ -508,17 +481,7 @@ static void a_file_cut_anywhere_is_refused_or_whole(void **state)
 
 static void a_line_that_never_ends_is_refused(void **state)
 {
-	size_t size_bytes = 40 * MIB;
-	char *text = malloc(size_bytes);
-	struct kit_model *model;
-
-	assert_non_null(text);
-	memset(text, 'x', size_bytes);
-	memcpy(text, "ply\ncomment ", 12);
-	model = kit_import_bytes(*state, "a.ply", text, size_bytes);
-	kit_assert_refused(model, -EUCLEAN, "bytes");
-	kit_model_free(model);
-	free(text);
+	kit_assert_endless_refused(*state, "a.ply", "ply\ncomment ");
 }
 
 static void too_many_elements_or_properties_are_refused(void **state)

@@ -76,15 +76,8 @@ static void binary_that_begins_with_solid_is_binary(void **state)
 static void gzip_reads_the_same(void **state)
 {
 	struct kit_bytes bytes = binary("solid block", 10000, 0);
-	struct kit_model *expected =
-		kit_import_bytes(*state, "a.stl", bytes.data, bytes.size_bytes);
-	struct kit_model *model;
 
-	kit_write_gzip(test_path(*state, "a.stl.gz"), bytes.data, bytes.size_bytes);
-	model = kit_import(test_path(*state, "a.stl.gz"), NULL);
-	kit_assert_same(expected, model);
-	kit_model_free(expected);
-	kit_model_free(model);
+	kit_assert_same_gzipped(*state, "a.stl", &bytes);
 	free(bytes.data);
 }
 
@@ -147,11 +140,7 @@ static void a_facet_without_corners_is_dropped(void **state)
 
 static void stl_refuses_what_is_no_stl(void **state)
 {
-	static const struct {
-		const char *text;
-		int error;
-		const char *words;
-	} cases[] = {
+	static const struct kit_refusal cases[] = {
 		{ "", -ENODATA, "empty" },
 		{ "Dear Sir, this is a letter.\n", -ENODATA, "too early" },
 		{ "solid", -ENODATA, "endsolid" },
@@ -167,9 +156,7 @@ static void stl_refuses_what_is_no_stl(void **state)
 		{ "solid a\nendsolid\nwhatever\n", -EUCLEAN, "wanted" },
 	};
 
-	for (size_t i = 0; i < ARRAY_LENGTH(cases); i++)
-		kit_assert_text_refused(*state, "a.stl", cases[i].text, cases[i].error,
-					cases[i].words);
+	kit_assert_all_refused(*state, "a.stl", cases, ARRAY_LENGTH(cases));
 }
 
 static void a_count_that_the_file_cannot_hold_is_refused_at_once(void **state)
@@ -201,17 +188,7 @@ static void a_binary_file_cut_anywhere_is_refused(void **state)
 
 static void a_word_that_never_ends_is_refused(void **state)
 {
-	size_t size_bytes = 40 * MIB;
-	char *text = malloc(size_bytes);
-	struct kit_model *model;
-
-	assert_non_null(text);
-	memset(text, 'x', size_bytes);
-	memcpy(text, "solid a\n", 8);
-	model = kit_import_bytes(*state, "a.stl", text, size_bytes);
-	kit_assert_refused(model, -EUCLEAN, "bytes");
-	kit_model_free(model);
-	free(text);
+	kit_assert_endless_refused(*state, "a.stl", "solid a\n");
 }
 
 int main(void)

@@ -236,11 +236,7 @@ static void gzip_by_any_of_its_names_reads_the_same(void **state)
 
 static void vrml_refuses_what_is_wrong_with_the_line(void **state)
 {
-	static const struct {
-		const char *text;
-		int error;
-		const char *words;
-	} cases[] = {
+	static const struct kit_refusal cases[] = {
 		{ "", -ENODATA, "empty" },
 		{ "Dear Sir,\nthis is a letter.\n", -EUCLEAN, "VRML" },
 		{ "#VRML V1.0 ascii\nSeparator { }\n", -EUCLEAN, "V2.0" },
@@ -281,9 +277,7 @@ static void vrml_refuses_what_is_wrong_with_the_line(void **state)
 		  -EUCLEAN, "normal" },
 	};
 
-	for (size_t i = 0; i < ARRAY_LENGTH(cases); i++)
-		kit_assert_text_refused(*state, "a.wrl", cases[i].text, cases[i].error,
-					cases[i].words);
+	kit_assert_all_refused(*state, "a.wrl", cases, ARRAY_LENGTH(cases));
 }
 
 static void nodes_nested_too_deep_are_refused(void **state)
