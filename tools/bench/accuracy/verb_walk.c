@@ -20,16 +20,13 @@
 #include "formats/base/log.h"
 #include "tools/bench/accuracy/judge.h"
 #include "tools/bench/accuracy/tour.h"
+#include "tools/bench/accuracy/walk_report.h"
 #include "tools/bench/base/arguments.h"
-#include "tools/bench/base/figures.h"
 #include "tools/bench/base/measure.h"
-#include "tools/bench/base/plot.h"
-#include "tools/bench/base/report.h"
 #include "tools/bench/bench.h"
 
 #define FRAMES_MAX 1000000u
 #define SIDE_MAX   8192u
-#define RUNS_MAX   16u
 /* Reads at one time: what the published systems had threads for, and one. */
 #define DEPTH_CONCURRENT "8"
 #define DEPTH_SEQUENTIAL "1"
@@ -46,6 +43,7 @@ static const char help[] =
 	"  --fps N          frames a second at most, which is how fast the walker goes (30)\n"
 	"  --speeds N       live, also 2, 4, ... N times as fast (1: not)\n"
 	"  --rivals         live, also with other ways to choose what is asked for ahead of time\n"
+	"  --brief          only with everything resident, and looking ahead: for long paths\n"
 	"  --budget N       triangles a frame; 0: all that is in the frustum (280000)\n"
 	"  --order ORDER    of the budget's nodes: layer, solidity, extinction, transmittance,\n"
 	"                   distance, auto (auto)\n"
@@ -77,6 +75,7 @@ struct walk_options {
 	uint64_t fps;
 	uint64_t speed_max;
 	bool has_rivals;
+	bool is_brief;
 	uint64_t budget_triangles;
 	unsigned order; /* enum select_order */
 	unsigned size[2];
@@ -88,40 +87,21 @@ struct walk_options {
 	bool is_json;
 };
 
-/* One tour of the whole path, in one way. */
-struct run {
-	char name[32];
-	const char *title;
-	struct tour_options options;
-	bool is_resident;
-	const char *depth;
-	struct tour tour;
-	double *wrong; /* a frame: share of the settled picture's covered pixels that is not drawn */
-};
-
 struct walk_verb {
 	const struct walk_options *options;
 	struct camera *cameras;
-	uint32_t camera_count;
 	char scratch[PATH_MAX];
 	struct judge *judge;
-	struct run runs[RUNS_MAX];
-	size_t run_count;
-	/* Of the set that is asked for, whatever is there: compared with the exact picture. */
-	double *accuracy_frames;
-	double *accuracy_of_all;
-	double *accuracy_of_covered;
-	size_t accuracy_count;
-	uint64_t differing_pictures;
+	struct walk_results results;
 };
 
 /* ---- the runs ---- */
 
-static struct run *run_add(struct walk_verb *verb, const char *name, const char *title, bool waits,
-			   enum tour_fetching fetching, enum tour_ahead ahead)
+static struct walk_run *run_add(struct walk_verb *verb, const char *name, const char *title,
+				bool waits, enum tour_fetching fetching, enum tour_ahead ahead)
 {
 	const struct walk_options *options = verb->options;
-	struct run *run = &verb->runs[verb->run_count++];
+	struct walk_run *run = &verb->results.runs[verb->results.run_count++];
 
 	(void)snprintf(run->name, sizeof(run->name), "%s", name);
 	run->title = title;
@@ -129,7 +109,7 @@ static struct run *run_add(struct walk_verb *verb, const char *name, const char 
 	run->options = (struct tour_options){
 		.store = options->store,
 		.cameras = verb->cameras,
-		.camera_count = verb->camera_count,
+		.camera_count = verb->results.frame_count,
 		.width = options->size[0],
 		.height = options->size[1],
 		.selection = { (enum select_order)options->order, options->budget_triangles },
@@ -152,16 +132,19 @@ static void runs_make(struct walk_verb *verb)
 		run_add(verb, "resident", "everything resident", true, TOUR_CONCURRENT,
 			TOUR_AHEAD_NOTHING)
 			->is_resident = true;
-		run_add(verb, "sequential", "(a) one read at a time", true, TOUR_SEQUENTIAL,
-			TOUR_AHEAD_NOTHING);
-		run_add(verb, "concurrent", "(b) several reads at a time", true, TOUR_CONCURRENT,
-			TOUR_AHEAD_NOTHING);
+		if (!options->is_brief) {
+			run_add(verb, "sequential", "(a) one read at a time", true, TOUR_SEQUENTIAL,
+				TOUR_AHEAD_NOTHING);
+			run_add(verb, "concurrent", "(b) several reads at a time", true,
+				TOUR_CONCURRENT, TOUR_AHEAD_NOTHING);
+		}
 		run_add(verb, "ahead", "(c) and looking ahead", true, TOUR_CONCURRENT,
 			TOUR_AHEAD_SELECTION);
 	}
 	if (options->mode == MODE_WAITING)
 		return;
-	run_add(verb, "live", "live", false, TOUR_CONCURRENT, TOUR_AHEAD_NOTHING);
+	if (!options->is_brief)
+		run_add(verb, "live", "live", false, TOUR_CONCURRENT, TOUR_AHEAD_NOTHING);
 	run_add(verb, "live_ahead", "live, looking ahead", false, TOUR_CONCURRENT,
 		TOUR_AHEAD_SELECTION);
 	if (options->has_rivals) {
@@ -172,10 +155,11 @@ static void runs_make(struct walk_verb *verb)
 		run_add(verb, "live_path", "live, the path known", false, TOUR_CONCURRENT,
 			TOUR_AHEAD_PATH);
 	}
-	for (uint64_t speed = 2; speed <= options->speed_max && verb->run_count < RUNS_MAX;
+	for (uint64_t speed = 2;
+	     speed <= options->speed_max && verb->results.run_count < WALK_RUN_COUNT_MAX;
 	     speed *= 2) {
 		char name[32];
-		struct run *run;
+		struct walk_run *run;
 
 		(void)snprintf(name, sizeof(name), "live_x%u", (unsigned)speed);
 		run = run_add(verb, name, "live, looking ahead, faster", false, TOUR_CONCURRENT,
@@ -184,7 +168,7 @@ static void runs_make(struct walk_verb *verb)
 	}
 }
 
-static int run_daemon(const struct walk_verb *verb, const struct run *run,
+static int run_daemon(const struct walk_verb *verb, const struct walk_run *run,
 		      struct measure_daemon *ret, struct why *why)
 {
 	const struct walk_options *options = verb->options;
@@ -206,7 +190,7 @@ static int run_daemon(const struct walk_verb *verb, const struct run *run,
 	return measure_daemon_start_with(verb->scratch, arguments, ret, why);
 }
 
-static int run_tour(struct walk_verb *verb, struct run *run, struct why *why)
+static int run_tour(struct walk_verb *verb, struct walk_run *run, struct why *why)
 {
 	struct measure_daemon daemon;
 	int r = run_daemon(verb, run, &daemon, why);
@@ -223,12 +207,12 @@ static int run_tour(struct walk_verb *verb, struct run *run, struct why *why)
 }
 
 /* What each picture lacks of the settled one: after the tour, so that nothing waits for it. */
-static int run_judge(struct walk_verb *verb, struct run *run, struct why *why)
+static int run_judge(struct walk_verb *verb, struct walk_run *run, struct why *why)
 {
-	run->wrong = calloc(verb->camera_count, sizeof(*run->wrong));
+	run->wrong = calloc(verb->results.frame_count, sizeof(*run->wrong));
 	if (!run->wrong)
 		return why_set(why, -ENOMEM, "out of memory");
-	for (uint32_t i = 0; i < verb->camera_count; i++) {
+	for (uint32_t i = 0; i < verb->results.frame_count; i++) {
 		const struct tour_frame *frame = &run->tour.frames[i];
 		struct verdict verdict;
 		int r;
@@ -253,23 +237,25 @@ static int accuracy_measure(struct walk_verb *verb, struct why *why)
 	const struct select_options selection = { (enum select_order)verb->options->order,
 						  verb->options->budget_triangles };
 
-	verb->accuracy_frames = calloc(verb->camera_count, sizeof(double));
-	verb->accuracy_of_all = calloc(verb->camera_count, sizeof(double));
-	verb->accuracy_of_covered = calloc(verb->camera_count, sizeof(double));
-	if (!verb->accuracy_frames || !verb->accuracy_of_all || !verb->accuracy_of_covered)
+	verb->results.accuracy_frames = calloc(verb->results.frame_count, sizeof(double));
+	verb->results.accuracy_of_all = calloc(verb->results.frame_count, sizeof(double));
+	verb->results.accuracy_of_covered = calloc(verb->results.frame_count, sizeof(double));
+	if (!verb->results.accuracy_frames || !verb->results.accuracy_of_all ||
+	    !verb->results.accuracy_of_covered)
 		return why_set(why, -ENOMEM, "out of memory");
-	for (uint32_t i = 0; i < verb->camera_count; i += (uint32_t)verb->options->stride) {
+	for (uint32_t i = 0; i < verb->results.frame_count; i += (uint32_t)verb->options->stride) {
 		struct verdict verdict;
-		size_t at = verb->accuracy_count++;
+		size_t at = verb->results.accuracy_count++;
 		int r = judge_exact(verb->judge, &verb->cameras[i], &selection, NULL, 0, &verdict);
 
 		if (r < 0)
 			return why_errno(why, r, "comparing with the exact picture");
 		if (measure_was_cancelled())
 			return why_set(why, -ECANCELED, "interrupted");
-		verb->accuracy_frames[at] = i;
-		verb->accuracy_of_all[at] = 1.0 - (double)verdict.wrong / (double)verdict.all;
-		verb->accuracy_of_covered[at] =
+		verb->results.accuracy_frames[at] = i;
+		verb->results.accuracy_of_all[at] =
+			1.0 - (double)verdict.wrong / (double)verdict.all;
+		verb->results.accuracy_of_covered[at] =
 			verdict.covered > 0 ? 1.0 - (double)verdict.wrong / (double)verdict.covered
 					    : 1.0;
 	}
@@ -281,259 +267,17 @@ static void pictures_compare(struct walk_verb *verb)
 {
 	const struct tour_frame *first = NULL;
 
-	for (size_t k = 0; k < verb->run_count; k++) {
-		const struct run *run = &verb->runs[k];
+	for (size_t k = 0; k < verb->results.run_count; k++) {
+		const struct walk_run *run = &verb->results.runs[k];
 
 		if (!run->options.waits)
 			continue;
 		if (!first)
 			first = run->tour.frames;
-		for (uint32_t i = 0; i < verb->camera_count; i++)
-			verb->differing_pictures += run->tour.frames[i].picture != first[i].picture;
+		for (uint32_t i = 0; i < verb->results.frame_count; i++)
+			verb->results.differing_pictures +=
+				run->tour.frames[i].picture != first[i].picture;
 	}
-}
-
-/* ---- figures ---- */
-
-/* A value of each frame, by what it is. */
-enum column {
-	COLUMN_MS,
-	COLUMN_FETCHED,
-	COLUMN_AHEAD,
-	COLUMN_WRONG,
-};
-
-static double column_of(const struct run *run, uint32_t frame, enum column column)
-{
-	const struct tour_frame *at = &run->tour.frames[frame];
-
-	switch (column) {
-	case COLUMN_MS:
-		return at->ms;
-	case COLUMN_FETCHED:
-		return (double)at->fetched_bytes;
-	case COLUMN_AHEAD:
-		return (double)at->ahead_bytes;
-	case COLUMN_WRONG:
-		return run->wrong ? 100.0 * run->wrong[frame] : 0.0;
-	}
-	return 0.0;
-}
-
-static void report_frames(struct report *report, const struct run *run, double *values)
-{
-	size_t count = run->tour.frame_count;
-	struct distribution frame_ms;
-
-	for (uint32_t i = 0; i < count; i++)
-		values[i] = column_of(run, i, COLUMN_MS);
-	frame_ms = distribution_of(values, count);
-	report_distribution(report, "frame_ms", "frame", frame_ms, "ms");
-	report_number(report, "below_1_fps", "frames below 1 fps",
-		      100.0 * share_above(values, count, 1000.0), "%");
-	report_number(report, "above_twice_median", "frames above twice the median",
-		      100.0 * share_above(values, count, 2.0 * frame_ms.median), "%");
-	if (run->options.waits)
-		return;
-	count = 0;
-	for (size_t i = run->tour.begun; i < run->tour.frame_count; i++)
-		values[count++] = column_of(run, (uint32_t)i, COLUMN_WRONG);
-	report_number(report, "first_complete", "first frame that lacked nothing",
-		      (double)run->tour.begun, "");
-	report_distribution(report, "unsettled", "covered pixels that differ from settled",
-			    distribution_of(values, count), "%");
-}
-
-static double percent(uint64_t part, uint64_t whole)
-{
-	return whole > 0 ? 100.0 * (double)part / (double)whole : 0.0;
-}
-
-static void report_nodes(struct report *report, struct run *run)
-{
-	struct tour_firsts *firsts = &run->tour.firsts;
-	const struct tour_prefetches *prefetches = &run->tour.prefetches;
-
-	report_number(report, "nodes", "nodes wanted", (double)firsts->count, "");
-	report_number(report, "ready_before", "of these there before they were wanted",
-		      percent(firsts->ready_count, firsts->count), "%");
-	report_distribution(report, "wait_frames", "from first wanted to drawn",
-			    distribution_of(firsts->waits_frames, firsts->drawn_count), "frames");
-	report_distribution(report, "wait_ms", "the same",
-			    distribution_of(firsts->waits_ms, firsts->drawn_count), "ms");
-	report_number(report, "never_drawn", "wanted and never drawn",
-		      percent(firsts->count - firsts->drawn_count, firsts->count), "%");
-	report_number(report, "fetched_mb", "read for sets", (double)run->tour.fetched_bytes * 1e-6,
-		      "MB");
-	report_number(report, "ahead_mb", "read ahead of time",
-		      (double)run->tour.ahead_bytes * 1e-6, "MB");
-	if (run->options.ahead == TOUR_AHEAD_NOTHING)
-		return;
-	report_number(report, "used", "read ahead and wanted within 60 frames",
-		      percent(prefetches->used_bytes, prefetches->came_bytes), "% of bytes");
-	report_distribution(report, "lead_frames", "how long before",
-			    distribution_of(firsts->leads_frames, firsts->lead_count), "frames");
-}
-
-static void report_accuracy(struct report *report, const struct walk_verb *verb)
-{
-	double *values = calloc(verb->accuracy_count + 1, sizeof(*values));
-
-	if (!values)
-		return;
-	report_group_begin(report, "accuracy", "the chosen sets against the exact pictures");
-	for (size_t i = 0; i < verb->accuracy_count; i++)
-		values[i] = 100.0 * (1.0 - verb->accuracy_of_all[i]);
-	report_distribution(report, "wrong_of_all", "wrong of all pixels",
-			    distribution_of(values, verb->accuracy_count), "%");
-	for (size_t i = 0; i < verb->accuracy_count; i++)
-		values[i] = 100.0 * (1.0 - verb->accuracy_of_covered[i]);
-	report_distribution(report, "wrong_of_covered", "wrong of covered pixels",
-			    distribution_of(values, verb->accuracy_count), "%");
-	report_group_end(report);
-	free(values);
-}
-
-static int walk_report(struct walk_verb *verb)
-{
-	double *values = calloc(verb->camera_count, sizeof(*values));
-	uint64_t set_bytes_max = 0;
-	struct report report;
-
-	if (!values)
-		return -ENOMEM;
-	for (uint32_t i = 0; i < verb->camera_count; i++)
-		set_bytes_max = u64_max(set_bytes_max, verb->runs[0].tour.frames[i].set_bytes);
-	report_begin(&report, verb->options->is_json);
-	report_number(&report, "frames", "frames", verb->camera_count, "");
-	report_number(&report, "largest_set_mb", "largest set of a frame",
-		      (double)set_bytes_max * 1e-6, "MB");
-	report_accuracy(&report, verb);
-	for (size_t i = 0; i < verb->run_count; i++) {
-		struct run *run = &verb->runs[i];
-
-		report_group_begin(&report, run->name, run->title);
-		report_number(&report, "seconds", "took", run->tour.seconds, "s");
-		report_frames(&report, run, values);
-		if (!run->is_resident)
-			report_nodes(&report, run);
-		report_group_end(&report);
-	}
-	if (verb->options->mode != MODE_LIVE)
-		report_number(&report, "differing_pictures",
-			      "pictures that differ between waiting runs",
-			      (double)verb->differing_pictures, "");
-	report_end(&report);
-	free(values);
-	return 0;
-}
-
-/* ---- files ---- */
-
-static int run_write(const struct walk_verb *verb, const struct run *run, struct why *why)
-{
-	char path[PATH_MAX];
-	FILE *file;
-	bool failed;
-
-	(void)snprintf(path, sizeof(path), "%s/%s.csv", verb->options->folder, run->name);
-	file = fopen(path, "we");
-	if (!file)
-		return why_errno(why, -errno, "%s", path);
-	fputs("frame,ms,wait_ms,wanted,missing,triangles,set_bytes,fetched_bytes,ahead_bytes,"
-	      "unsettled_percent\n",
-	      file);
-	for (uint32_t i = 0; i < verb->camera_count; i++) {
-		const struct tour_frame *frame = &run->tour.frames[i];
-
-		fprintf(file, "%u,%.3f,%.3f,%u,%u,%llu,%llu,%llu,%llu,%.4f\n", i, frame->ms,
-			frame->wait_ms, frame->wanted, frame->missing,
-			(unsigned long long)frame->triangles, (unsigned long long)frame->set_bytes,
-			(unsigned long long)frame->fetched_bytes,
-			(unsigned long long)frame->ahead_bytes, column_of(run, i, COLUMN_WRONG));
-	}
-	failed = ferror(file) != 0;
-	if (fclose(file) != 0 || failed)
-		return why_set(why, -EIO, "%s: cannot be written", path);
-	return 0;
-}
-
-/* One curve a run of those that wait, or of those that do not. */
-static int plot_runs(const struct walk_verb *verb, bool waits, enum column column, const char *file,
-		     const char *title, const char *label, struct why *why)
-{
-	double *values = calloc((size_t)RUNS_MAX * verb->camera_count, sizeof(*values));
-	struct plot_series series[RUNS_MAX];
-	struct plot plot = { title, "frame", label, false, column == COLUMN_MS, series, 0 };
-	char path[PATH_MAX];
-	int r;
-
-	if (!values)
-		return why_set(why, -ENOMEM, "out of memory");
-	for (size_t k = 0; k < verb->run_count; k++) {
-		const struct run *run = &verb->runs[k];
-		double *of_run = values + k * verb->camera_count;
-
-		if (run->options.waits != waits)
-			continue;
-		for (uint32_t i = 0; i < verb->camera_count; i++)
-			of_run[i] =
-				column_of(run, i, column) +
-				(column == COLUMN_FETCHED ? column_of(run, i, COLUMN_AHEAD) : 0.0);
-		series[plot.series_count++] =
-			(struct plot_series){ run->title, NULL, of_run, verb->camera_count,
-					      PLOT_LINES };
-	}
-	(void)snprintf(path, sizeof(path), "%s/%s.svg", verb->options->folder, file);
-	r = plot.series_count > 0 ? plot_write(path, &plot, why) : 0;
-	free(values);
-	return r;
-}
-
-static int plot_accuracy(const struct walk_verb *verb, struct why *why)
-{
-	const struct plot_series series[] = {
-		{ "of all pixels", verb->accuracy_frames, verb->accuracy_of_all,
-		  verb->accuracy_count, PLOT_BOTH },
-		{ "of covered pixels", verb->accuracy_frames, verb->accuracy_of_covered,
-		  verb->accuracy_count, PLOT_BOTH },
-	};
-	const struct plot plot = { "Right pixels of the chosen sets",
-				   "frame",
-				   "share",
-				   false,
-				   false,
-				   series,
-				   ARRAY_LENGTH(series) };
-	char path[PATH_MAX];
-
-	(void)snprintf(path, sizeof(path), "%s/accuracy.svg", verb->options->folder);
-	return plot_write(path, &plot, why);
-}
-
-static int walk_write(const struct walk_verb *verb, struct why *why)
-{
-	int r = 0;
-
-	for (size_t i = 0; r == 0 && i < verb->run_count; i++)
-		r = run_write(verb, &verb->runs[i], why);
-	if (r < 0)
-		return r;
-	r = plot_runs(verb, true, COLUMN_MS, "frame_times", "Frame times, waiting", "ms", why);
-	if (r == 0)
-		r = plot_runs(verb, true, COLUMN_FETCHED, "bytes", "Read a frame, waiting", "bytes",
-			      why);
-	if (r == 0)
-		r = plot_runs(verb, false, COLUMN_WRONG, "unsettled",
-			      "What live pictures lack of settled ones", "% of covered pixels",
-			      why);
-	if (r == 0)
-		r = plot_accuracy(verb, why);
-	if (r == -ENOENT) {
-		log_warning("walk: %s", why->text);
-		r = 0;
-	}
-	return r;
 }
 
 /* ---- the verb ---- */
@@ -541,13 +285,13 @@ static int walk_write(const struct walk_verb *verb, struct why *why)
 static int walk_prepare(struct walk_verb *verb, struct why *why)
 {
 	const struct walk_options *options = verb->options;
-	int r = camera_path_read(options->path, &verb->cameras, &verb->camera_count, why);
+	int r = camera_path_read(options->path, &verb->cameras, &verb->results.frame_count, why);
 
 	if (r < 0)
 		return r;
-	if (verb->camera_count > options->frame_count)
-		verb->camera_count = (uint32_t)options->frame_count;
-	if (verb->camera_count == 0)
+	if (verb->results.frame_count > options->frame_count)
+		verb->results.frame_count = (uint32_t)options->frame_count;
+	if (verb->results.frame_count == 0)
 		return why_set(why, -EINVAL, "%s: no camera in it", options->path);
 	if (mkdir(options->folder, 0777) < 0 && errno != EEXIST)
 		return why_errno(why, -errno, "%s", options->folder);
@@ -557,19 +301,13 @@ static int walk_prepare(struct walk_verb *verb, struct why *why)
 	return judge_create(options->store, options->size[0], options->size[1], &verb->judge, why);
 }
 
-static void walk_done(struct walk_verb *verb)
+static void walk_verb_done(struct walk_verb *verb)
 {
-	for (size_t i = 0; i < verb->run_count; i++) {
-		tour_done(&verb->runs[i].tour);
-		free(verb->runs[i].wrong);
-	}
 	judge_destroy(verb->judge);
 	if (verb->scratch[0] != '\0')
 		measure_scratch_remove(verb->scratch);
 	free(verb->cameras);
-	free(verb->accuracy_frames);
-	free(verb->accuracy_of_all);
-	free(verb->accuracy_of_covered);
+	walk_results_done(&verb->results);
 }
 
 static int walk_run(struct walk_verb *verb, struct why *why)
@@ -579,18 +317,18 @@ static int walk_run(struct walk_verb *verb, struct why *why)
 	if (r < 0)
 		return r;
 	runs_make(verb);
-	for (size_t i = 0; r == 0 && i < verb->run_count; i++) {
-		r = run_tour(verb, &verb->runs[i], why);
-		if (r == 0 && !verb->runs[i].options.waits)
-			r = run_judge(verb, &verb->runs[i], why);
+	for (size_t i = 0; r == 0 && i < verb->results.run_count; i++) {
+		r = run_tour(verb, &verb->results.runs[i], why);
+		if (r == 0 && !verb->results.runs[i].options.waits)
+			r = run_judge(verb, &verb->results.runs[i], why);
 	}
 	if (r == 0)
 		r = accuracy_measure(verb, why);
 	if (r < 0)
 		return r;
 	pictures_compare(verb);
-	r = walk_write(verb, why);
-	return r < 0 ? r : walk_report(verb);
+	r = walk_write(&verb->results, verb->options->folder, why);
+	return r < 0 ? r : walk_report(&verb->results, verb->options->is_json);
 }
 
 int verb_walk(int argc, char **argv)
@@ -619,6 +357,7 @@ int verb_walk(int argc, char **argv)
 		{ "fps", ARGUMENT_NUMBER, &options.fps, 1, 1000 },
 		{ "speeds", ARGUMENT_NUMBER, &options.speed_max, 1, 64 },
 		{ "rivals", ARGUMENT_FLAG, &options.has_rivals },
+		{ "brief", ARGUMENT_FLAG, &options.is_brief },
 		{ "budget", ARGUMENT_NUMBER, &options.budget_triangles },
 		{ "order", ARGUMENT_CHOICE, &options.order, .choices = orders },
 		{ "size", ARGUMENT_PICTURE, options.size, 1, SIDE_MAX },
@@ -644,8 +383,8 @@ int verb_walk(int argc, char **argv)
 	if (!options.path || !options.folder)
 		return verb_usage_error("walk", "it needs --path P.csv and -o FOLDER");
 	r = walk_run(&verb, &why);
-	walk_done(&verb);
+	walk_verb_done(&verb);
 	if (r < 0)
 		log_error("walk: %s", why.text);
-	return r == 0 && verb.differing_pictures == 0 ? 0 : 1;
+	return r == 0 && verb.results.differing_pictures == 0 ? 0 : 1;
 }
