@@ -42,10 +42,12 @@
 /** Longer texts are not believed. */
 #define ANSWER_BYTES_MAX (16 * MIB)
 /**
- * A daemon that died has said nothing: where a program draws frame after frame its socket is looked at
- * so often.  (Who sleeps on it is woken.)
+ * A daemon that died has said nothing.  Where a program draws frame after frame its socket is looked at
+ * once the daemon has shown no sign of life for the first, and then every second of these times.  (Who
+ * sleeps on it is woken.)
  */
-#define LOOK_NS (100 * NS_PER_MS)
+#define SILENCE_NS (2 * WIRE_BEAT_MS * NS_PER_MS)
+#define LOOK_NS    (100 * NS_PER_MS)
 /** Views of lost sessions that a store keeps mapped for threads that may still draw from them. */
 #define OLD_VIEW_COUNT_MAX 4u
 /** Sets sent that ooc_retire() can tell apart. */
@@ -63,6 +65,8 @@ struct want {
 	uint64_t sent;    /* newest set sent that has it */
 	uint64_t since;   /* the set sent since which all have had it */
 	uint64_t refused; /* newest set in which it was answered "not now" << 3 | enum ooc_reason */
+	/* Of its HS record, once it was in a set: a frame looks at no other memory of the node. */
+	uint32_t payload_bytes;
 };
 
 /** Mapped memory that holds payloads. */
@@ -169,6 +173,7 @@ struct ooc_client {
 	struct mapping page;
 	uint64_t epoch;
 	uint64_t taken_count; /* messages of this session */
+	uint64_t beat;        /* as the daemon's was seen last */
 	uint64_t look_at_ns;  /* then the socket is looked at although no message is known of */
 
 	struct ooc_store *stores[WIRE_STORE_COUNT_MAX];

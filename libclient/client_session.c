@@ -290,6 +290,7 @@ static bool nothing_has_come(struct ooc_client *client)
 {
 	const struct wire_session_page *page = session_page(client);
 	uint64_t now_ns;
+	uint64_t beat;
 
 	/* Pairs with the daemon's release of the count, once the message is in the socket. */
 	if (client->state != SESSION_LIVE || set_wants_events(client) ||
@@ -298,6 +299,11 @@ static bool nothing_has_come(struct ooc_client *client)
 	    atomic_load_explicit(&page->epoch, memory_order_acquire) != client->epoch)
 		return false;
 	now_ns = clock_now_ns();
+	beat = atomic_load_explicit(&page->beat, memory_order_relaxed);
+	if (beat != client->beat) {
+		client->beat = beat;
+		client->look_at_ns = now_ns + SILENCE_NS;
+	}
 	if (now_ns < client->look_at_ns)
 		return true;
 	client->look_at_ns = now_ns + LOOK_NS;

@@ -32,6 +32,12 @@ static bool set_is_given(const struct ooc_client *client, const struct ooc_want 
 	       (count == 0 || memcmp(set->wants, wants, count * sizeof(*wants)) == 0);
 }
 
+static bool has_payload(const struct ooc_store *store, uint32_t node)
+{
+	return node < store->node_count &&
+	       (store->wants[node].payload_bytes > 0 || store->nodes[node].payload_bytes > 0);
+}
+
 /* Judges what a caller wants, for sets and prefetches alike. */
 static int wants_validate(struct ooc_client *client, const struct ooc_want *wants, size_t count)
 {
@@ -45,8 +51,7 @@ static int wants_validate(struct ooc_client *client, const struct ooc_want *want
 
 		if (!want->store || want->store->client != client)
 			return why_set(&client->why, -EINVAL, "want %zu is of no open store", i);
-		if (want->node >= want->store->node_count ||
-		    want->store->nodes[want->node].payload_bytes == 0)
+		if (!has_payload(want->store, want->node))
 			return why_set(&client->why, -EINVAL, "node %u of %s has nothing to draw",
 				       want->node, want->store->path);
 		/* Both comparisons are false for a NaN. */
@@ -112,6 +117,8 @@ int64_t ooc_visible_set(struct ooc_client *client, const struct ooc_want *wants,
 		if (want->given == set->given)
 			continue;
 		want->given = set->given;
+		if (want->payload_bytes == 0)
+			want->payload_bytes = wants[i].store->nodes[wants[i].node].payload_bytes;
 		set->entries[set->entry_count++] = (struct wire_entry){
 			.store = wants[i].store->number,
 			.node = wants[i].node,

@@ -154,7 +154,7 @@ static bool word_to_place(const struct ooc_store *store, const struct view *view
 			  uint64_t word, struct ooc_place *ret)
 {
 	uint64_t offset_bytes = (uint64_t)wire_word_page(word) * WIRE_PAGE_BYTES;
-	uint64_t payload_bytes = store->nodes[node].payload_bytes;
+	uint64_t payload_bytes = store->wants[node].payload_bytes;
 	uint16_t slot = view->slots[wire_word_segment(word)];
 
 	if (wire_word_state(word) != WIRE_NODE_READY || slot == 0)

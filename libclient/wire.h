@@ -308,6 +308,8 @@ struct wire_session_page {
 	_Atomic uint64_t cache_used_bytes; /* of it BUSY, HELD and FREE: all stores, all clients */
 	/* Messages sent to this client, WELCOME included: who has taken as many need not look for one. */
 	_Atomic uint64_t message_count;
+	/* Another value every WIRE_BEAT_MS while the daemon lives. */
+	_Atomic uint64_t beat;
 };
 
 /** One a store and generation: where every node is.  Then node_count words. */
@@ -328,6 +330,7 @@ enum wire_node_state {
 };
 
 #define WIRE_PAGE_BYTES        4096u
+#define WIRE_BEAT_MS           250u
 #define WIRE_SEGMENT_PAGES_MAX (1u << 16)
 #define WIRE_SEGMENT_COUNT_MAX (1u << 12)
 

@@ -95,9 +95,13 @@ static void node_set_state(struct node *node, _Atomic uint64_t *word, enum node_
 	atomic_thread_fence(memory_order_seq_cst);
 }
 
-void node_init(struct node *node)
+void node_init(struct node *node, uint32_t payload_bytes)
 {
-	*node = (struct node){ .fill = NODE_NO_FILL, .state = NODE_ABSENT };
+	*node = (struct node){
+		.page_count = (payload_bytes + WIRE_PAGE_BYTES - 1u) / WIRE_PAGE_BYTES,
+		.fill = NODE_NO_FILL,
+		.state = NODE_ABSENT,
+	};
 	list_init(&node->link);
 }
 
@@ -108,7 +112,7 @@ void node_begin_fill(struct node *node, _Atomic uint64_t *word, struct place pla
 	node->place = place;
 	node->fill = fill;
 	/* 34 bits in a word: at 1,000 fills a second of one node, half a year. */
-	node->fill_count = (node->fill_count + 1) & (UINT64_MAX >> 30);
+	node->fill_count++;
 	node_set_state(node, word, NODE_BUSY);
 }
 

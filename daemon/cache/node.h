@@ -98,8 +98,9 @@ enum residence {
 struct node {
 	struct list link; /* served.lru, while FREE */
 	uint64_t last_use;
-	uint64_t fill_count; /* +1 at each fill: two equal READY words mean the same bytes */
-	struct place place;  /* while BUSY, HELD, FREE */
+	uint64_t fill_count : 34; /* +1 at each fill: two equal READY words mean the same bytes */
+	uint64_t page_count : 30; /* of its payload, in the arena; 0: it has none.  Never changes */
+	struct place place;       /* while BUSY, HELD, FREE */
 	uint32_t hold_count;
 	uint32_t want_count; /* sets that want it, or whose clients may still draw it */
 	uint32_t plan;       /* number of the newest division of the cache that has room for it */
@@ -114,7 +115,8 @@ struct node {
 
 static_assert(sizeof(struct node) <= 64, "millions of them are walked");
 
-void node_init(struct node *node);
+/** payload_bytes: 0: nothing will ever lie in the arena. */
+void node_init(struct node *node, uint32_t payload_bytes);
 
 /** word: the node's in the directory, here and below. */
 void node_begin_fill(struct node *node, _Atomic uint64_t *word, struct place place, uint32_t fill);

@@ -229,7 +229,7 @@ static int load(struct served *served, const struct store_file *store, uint64_t 
 	if (!served->nodes)
 		return why_errno(why, -ENOMEM, "states of %u nodes", served->node_count);
 	for (uint32_t i = 0; i < served->node_count; i++)
-		node_init(&served->nodes[i]);
+		node_init(&served->nodes[i], served->records[i].payload_bytes);
 	/* Last: from here on the client's description may be O_DIRECT. */
 	served->fd = open_direct(store_fd(store), &served->direct);
 	return served->fd < 0 ? why_errno(why, served->fd, "the store's descriptor") : 0;

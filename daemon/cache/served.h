@@ -136,13 +136,13 @@ int served_inherit(struct served *served, struct ledger *ledger, uint64_t key, u
 /** Has the node a payload? */
 static inline bool served_has_payload(const struct served *served, uint32_t index)
 {
-	return index < served->node_count && served->records[index].payload_id != 0;
+	return index < served->node_count && served->nodes[index].page_count > 0;
 }
 
 /** Pages of the node's payload in the arena. */
 static inline uint32_t served_pages(const struct served *served, uint32_t index)
 {
-	return (served->records[index].payload_bytes + WIRE_PAGE_BYTES - 1) / WIRE_PAGE_BYTES;
+	return served->nodes[index].page_count;
 }
 
 #endif /* DAEMON_CACHE_SERVED_H */

@@ -22,9 +22,9 @@
 #include "formats/base/file.h"
 #include "formats/base/log.h"
 
-/* How often times are looked at, and how exactly. */
-#define TICK_US          (250 * NS_PER_MS / NS_PER_US)
-#define TICK_ACCURACY_US (100 * NS_PER_MS / NS_PER_US)
+/* How often times are looked at, and how exactly: half a tick late, clients begin to look for us. */
+#define TICK_US          (WIRE_BEAT_MS * NS_PER_MS / NS_PER_US)
+#define TICK_ACCURACY_US (TICK_US / 10)
 /* An empty segment that nobody has used for so long is given back. */
 #define SEGMENT_IDLE_NS (30 * NS_PER_S)
 

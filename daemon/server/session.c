@@ -613,6 +613,8 @@ void session_fill_ended(struct session *session, const struct fill_result *resul
 
 void session_tick(struct session *session, uint64_t now_ns)
 {
+	/* Means nothing beside what else is there: it only changes. */
+	atomic_fetch_add_explicit(&session->page->beat, 1, memory_order_relaxed);
 	if (session->state == SESSION_GREETING &&
 	    now_ns - session->born_ns > HELLO_SECONDS_MAX * NS_PER_S)
 		connection_break(session->connection, -ETIMEDOUT, "it does not say HELLO");

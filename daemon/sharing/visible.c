@@ -64,24 +64,24 @@ err_free:
 	return r;
 }
 
-/* Recounts what the arrays say, after wants have gone from anywhere in them. */
-static void recount(struct visible *visible)
+/* The arrays are made anew: place_want() for each want, in order, counts what they say. */
+static void begin_places(struct visible *visible)
 {
 	memset(visible->counts, 0, sizeof(visible->counts));
 	visible->untold_count = 0;
 	visible->full_count = 0;
 	visible->next_queued = 0;
 	visible->next_untold = 0;
-	for (uint32_t i = 0; i < visible->total; i++) {
-		const struct want *want = &visible->wants[i];
+}
 
-		visible->attachments[want->slot]->want_of_node[want->node] = i + 1;
-		visible->counts[want->state]++;
-		if (want->state != WANT_REFUSED)
-			continue;
-		visible->untold_count += want->told != want->reason;
-		visible->full_count += visible_is_for_room(want->reason);
-	}
+static void place_want(struct visible *visible, const struct want *want, uint32_t index)
+{
+	visible->attachments[want->slot]->want_of_node[want->node] = index + 1;
+	visible->counts[want->state]++;
+	if (want->state != WANT_REFUSED)
+		return;
+	visible->untold_count += want->told != want->reason;
+	visible->full_count += visible_is_for_room(want->reason);
 }
 
 void visible_detach(struct visible *visible, uint32_t slot)
@@ -93,6 +93,7 @@ void visible_detach(struct visible *visible, uint32_t slot)
 	/* Before any hold goes: a client that is thrown out may be about to draw. */
 	if (!visible->frozen)
 		atomic_store_explicit(&attachment->grants->epoch, 0, memory_order_release);
+	begin_places(visible);
 	for (uint32_t i = 0; i < visible->total; i++) {
 		struct want *want = &visible->wants[i];
 
@@ -105,11 +106,11 @@ void visible_detach(struct visible *visible, uint32_t slot)
 			continue;
 		}
 		count += i < visible->count;
+		place_want(visible, want, total);
 		visible->wants[total++] = *want;
 	}
 	visible->total = total;
 	visible->count = count;
-	recount(visible);
 	room_note_change(visible->room);
 	visible->changed = true;
 	visible->attachments[slot] = NULL;
@@ -168,7 +169,7 @@ static struct want make_want(struct visible *visible, const struct wire_entry *e
 {
 	struct want want = {
 		.serial = serial,
-		.slot = entry->store,
+		.slot = (uint8_t)entry->store,
 		.node = entry->node,
 		.state = WANT_QUEUED,
 	};
@@ -210,20 +211,20 @@ static uint32_t make_wants(struct visible *visible, const struct wire_entry *ent
 
 	for (uint32_t i = 0; i < entry_count; i++) {
 		const struct wire_entry *entry = &entries[i];
-		uint32_t *want_of_node =
-			&visible->attachments[entry->store]->want_of_node[entry->node];
-		uint32_t at = *want_of_node - 1;
+		uint32_t place = visible->attachments[entry->store]->want_of_node[entry->node];
+		uint32_t at = place - 1;
 		struct want *before = NULL;
 
-		if (*want_of_node > 0 && at < count && is_node(&next[at], entry))
+		if (place > 0 && at < count && is_node(&next[at], entry))
 			continue;
-		if (*want_of_node > 0)
+		if (place > 0)
 			before = &visible->wants[at];
 		same = same && before && at == count;
 		next[count] = make_want(visible, entry, before, serial, retire);
 		if (before)
 			before->serial = serial;
-		*want_of_node = ++count;
+		place_want(visible, &next[count], count);
+		count++;
 	}
 	*ret_same = same && count == visible->total;
 	return count;
@@ -251,6 +252,7 @@ static uint32_t keep_retained(struct visible *visible, uint32_t total, uint64_t 
 		}
 		next[total] = *old;
 		next[total].state = WANT_RETAINED;
+		place_want(visible, &next[total], total);
 		total++;
 	}
 	return total;
@@ -271,6 +273,7 @@ int visible_take(struct visible *visible, const struct wire_entry *entries, uint
 	if (reserve_spare(visible, entry_count + visible->total) < 0)
 		return -ENOMEM;
 	recorder_session(visible->cache->recorder, TRACE_SET, visible->session, entry_count);
+	begin_places(visible);
 	visible->count = make_wants(visible, entries, entry_count, serial, retire, &same);
 	visible->total = keep_retained(visible, visible->count, serial, retire);
 
@@ -280,7 +283,6 @@ int visible_take(struct visible *visible, const struct wire_entry *entries, uint
 	visible->spare_capacity = capacity;
 	visible->serial = serial;
 	visible->counters.sets++;
-	recount(visible);
 	if (!same)
 		room_note_change(room);
 	/* Where more is wanted than fits, all sets are looked at together (division.h). */
@@ -348,7 +350,7 @@ void visible_retry(struct visible *visible)
 bool visible_next(struct visible *visible, struct queue_want *ret)
 {
 	/* Each turn takes a want out of QUEUED; only one that is not QUEUED is passed. */
-	while (!visible->undecided && visible->next_queued < visible->count) {
+	while (!visible->undecided && visible->counts[WANT_QUEUED] > 0) {
 		struct want *want = &visible->wants[visible->next_queued];
 		struct served *served = visible_served_of(visible, want);
 		enum node_state state = visible_node_of(visible, want)->state;

@@ -38,6 +38,7 @@
 #ifndef DAEMON_SHARING_VISIBLE_H
 #define DAEMON_SHARING_VISIBLE_H
 
+#include <assert.h>
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -65,18 +66,22 @@ enum want_state {
 	WANT_STATE_COUNT_
 };
 
+/** Two a cache line: with every frame thousands are made and let go. */
 struct want {
 	uint64_t serial;    /* newest set that has it */
 	uint64_t queued_ns; /* while QUEUED: since */
-	uint32_t slot;      /* of the store */
 	uint32_t node;
-	enum want_state state;
-	enum wire_reason reason; /* while REFUSED */
-	enum wire_reason told;   /* the last reason that the client was told in this set */
+	uint8_t slot; /* of the store */
+	enum want_state state : 8;
+	enum wire_reason reason : 8; /* while REFUSED */
+	enum wire_reason told : 8;   /* the last reason that the client was told in this set */
 	bool holding;
 	bool revoked; /* holding, but its grant was cleared */
 	bool missed;  /* not there when it was asked for, and nothing has come of it yet */
 };
+
+static_assert(sizeof(struct want) <= 32, "two a cache line");
+static_assert(WIRE_STORE_COUNT_MAX <= UINT8_MAX, "a want names its store");
 
 /** What has happened to a session's wants: see STORE_COUNTERS. */
 struct visible_counters {

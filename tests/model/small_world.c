@@ -138,7 +138,7 @@ static void make_served(struct world *world, uint32_t room_pages)
 	served->node_count = world->node_count;
 	served->nodes = region_take(world->node_count * sizeof(*served->nodes));
 	for (uint32_t i = 0; i < world->node_count; i++)
-		node_init(&served->nodes[i]);
+		node_init(&served->nodes[i], WIRE_PAGE_BYTES);
 	served->ledger.held = region_take(world->node_count * sizeof(served->ledger.held[0]));
 	served->directory = region_take(sizeof(*served->directory) +
 					world->node_count * sizeof(served->directory->words[0]));

@@ -104,7 +104,7 @@ static int setup(void **state)
 	served->ledger.held = (_Atomic uint8_t *)fixture->held;
 	served->nodes = calloc(NODE_COUNT, sizeof(*served->nodes));
 	for (uint32_t i = 0; i < NODE_COUNT; i++)
-		node_init(&served->nodes[i]);
+		node_init(&served->nodes[i], fixture->records[i].payload_bytes);
 	served->directory = calloc(1, sizeof(*served->directory) +
 					      NODE_COUNT * sizeof(served->directory->words[0]));
 	arena_init(&served->arena, SEGMENT_PAGES * WIRE_PAGE_BYTES);

@@ -107,9 +107,12 @@ static void mix_sizes(struct served *served, struct store_node **ret_records)
 
 	assert_non_null(records);
 	memcpy(records, served->records, served->node_count * sizeof(*records));
-	for (uint32_t i = 0; i < served->node_count; i++)
-		if (records[i].payload_id != 0)
-			records[i].payload_bytes = WIRE_PAGE_BYTES * (1 + i * 2654435761u % 97 % 9);
+	for (uint32_t i = 0; i < served->node_count; i++) {
+		if (records[i].payload_id == 0)
+			continue;
+		records[i].payload_bytes = WIRE_PAGE_BYTES * (1 + i * 2654435761u % 97 % 9);
+		node_init(&served->nodes[i], records[i].payload_bytes);
+	}
 	served->records = records;
 	*ret_records = records;
 }

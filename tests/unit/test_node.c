@@ -94,7 +94,7 @@ static struct node node_at(struct position position)
 {
 	struct node node;
 
-	node_init(&node);
+	node_init(&node, WIRE_PAGE_BYTES);
 	word = 0;
 	if (position.state == NODE_ABSENT)
 		return node;

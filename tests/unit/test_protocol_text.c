@@ -130,6 +130,7 @@ static struct field fields[] = {
 	FIELD("session page", wire_session_page, cache_bytes),
 	FIELD("session page", wire_session_page, cache_used_bytes),
 	FIELD("session page", wire_session_page, message_count),
+	FIELD("session page", wire_session_page, beat),
 	FIELD("directory", wire_directory, generation),
 	FIELD("directory", wire_directory, node_count),
 	FIELD("directory", wire_directory, epoch),
