@@ -544,7 +544,7 @@ static void cache_reads_the_same_bytes_in_every_way_and_nothing_changed_calls_no
 	assert_true(said(folder, "output", "\"resident_lines\""));
 	assert_true(said(folder, "output", "\"mmap_nodes_s\""));
 	assert_true(said(folder, "output", "\"pread_nodes_s\""));
-	/* The first count is of the frames in which nothing changed: one look in a tenth of a second. */
+	/* The first count is of the frames in which nothing changed: a look only at a daemon that stands still. */
 	assert_true(number_said(folder, "\"system_calls\":") <= 0.25);
 	assert_true(said(folder, "frames.csv", "regime,contestant,round,frame,nodes,us"));
 	assert_true(said(folder, "frames.csv", "cold_bytes,oocd,0,3,"));

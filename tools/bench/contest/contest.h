@@ -82,7 +82,7 @@ struct contestant {
 	int (*frame)(void *self, const struct contest_frame *frame,
 		     const struct contest_frame *next, struct contest_touch *touch,
 		     struct why *why);
-	/** Has nothing in memory any more. */
+	/** Has nothing in memory any more.  NULL: it is a floor, that has no disk behind it. */
 	int (*forget)(void *self, struct why *why);
 	void (*close)(void *self);
 };
@@ -94,6 +94,8 @@ extern const struct contestant contestant_lmdb;
 extern const struct contestant contestant_memcached;
 /** The payloads in private memory with 2 MiB pages, their addresses in a table: the floor. */
 extern const struct contestant contestant_table;
+/** And with a message and an answer a frame: the floor of whoever is told what is in use. */
+extern const struct contestant contestant_asked;
 
 /** Drops a file from the page cache. */
 void contest_drop_file(int fd);

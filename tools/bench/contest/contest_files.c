@@ -233,15 +233,8 @@ static int table_frame(void *arg, const struct contest_frame *frame,
 	return 0;
 }
 
-static int table_forget(void *arg, struct why *why)
-{
-	(void)arg;
-	return why_set(why, -ENOTSUP, "a table has no disk behind it");
-}
-
 const struct contestant contestant_mmap = { "mmap", mmap_open, mmap_frame, mmap_forget,
 					    files_close };
 const struct contestant contestant_pread = { "pread", pread_open, pread_frame, pread_forget,
 					     files_close };
-const struct contestant contestant_table = { "table", table_open, table_frame, table_forget,
-					     files_close };
+const struct contestant contestant_table = { "table", table_open, table_frame, NULL, files_close };

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * Through a daemon of its own.  As a viewer does it: the next frame's set is said before this one's
- * nodes are read, and what is no longer read is retired after that.
+ * Through a daemon of its own.  As a viewer does it: what the frame before has read is retired and the
+ * next frame's set is said, then this one's nodes are read.
  */
 #include <errno.h>
 #include <poll.h>
@@ -166,12 +166,15 @@ static int through_frame(void *arg, const struct contest_frame *frame,
 	}
 	if (r == 0)
 		ooc_notify(self->client, false);
+	/* One after the other, so that the daemon is woken once for both. */
+	if (r == 0 && next)
+		r = ooc_retire(self->client, self->serial);
 	if (r == 0 && next)
 		r = say(self, next, why);
 	for (size_t i = 0; r == 0 && i < frame->node_count; i++)
 		contest_touch(touch, self->payloads[i],
 			      self->config->walk->nodes[frame->nodes[i]].payload_bytes);
-	return r < 0 ? r : ooc_retire(self->client, self->serial);
+	return r;
 }
 
 /* Lets go of everything and has it evicted: the daemon runs on, as it does for years. */

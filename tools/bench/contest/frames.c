@@ -10,6 +10,7 @@
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/ptrace.h>
+#include <sys/socket.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <time.h>
@@ -17,7 +18,9 @@
 
 #include "formats/base/bytes.h"
 #include "formats/base/clock.h"
+#include "formats/base/file.h"
 #include "libclient/ooc/client.h"
+#include "libclient/wire.h"
 #include "tools/bench/base/measure.h"
 
 #define WAIT_MS 120000
@@ -143,6 +146,69 @@ static void wait_until(uint64_t at_ns)
 		;
 }
 
+/* ---- floors ---- */
+
+/* What a frame cannot go below; see struct frames_cost. */
+struct floor {
+	struct ooc_want *wants; /* the holder's, copied */
+	struct wire_set *message;
+	size_t message_bytes;
+	int fd; /* to a process that takes messages */
+	pid_t pid;
+};
+
+static void floor_done(struct floor *floor)
+{
+	floor->fd = fd_close(floor->fd);
+	while (floor->pid > 0 && waitpid(floor->pid, NULL, 0) < 0 && errno == EINTR)
+		;
+	free(floor->wants);
+	free(floor->message);
+}
+
+static int floor_init(struct floor *floor, const struct holder *holder, struct why *why)
+{
+	size_t entry_count = u64_min(holder->held_count, WIRE_SET_ENTRY_COUNT_MAX);
+	int fds[2];
+
+	*floor = (struct floor){ .fd = -1 };
+	floor->message_bytes = sizeof(struct wire_set) + entry_count * sizeof(struct wire_entry);
+	floor->wants = calloc(holder->held_count + 1, sizeof(*floor->wants));
+	floor->message = calloc(1, WIRE_MESSAGE_BYTES_MAX);
+	if (!floor->wants || !floor->message)
+		return why_set(why, -ENOMEM, "out of memory");
+	if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, fds) < 0)
+		return why_errno(why, -errno, "a socket");
+	floor->pid = fork();
+	if (floor->pid == 0) {
+		(void)prctl(PR_SET_PDEATHSIG, SIGKILL);
+		(void)fd_close(fds[0]);
+		while (recv(fds[1], floor->message, WIRE_MESSAGE_BYTES_MAX, 0) > 0)
+			;
+		_exit(0);
+	}
+	(void)fd_close(fds[1]);
+	floor->fd = fds[0];
+	return floor->pid < 0 ? why_errno(why, -errno, "a process") : 0;
+}
+
+static double floor_measure(struct floor *floor, const struct holder *holder,
+			    unsigned share_percent)
+{
+	size_t wants_bytes = holder->held_count * sizeof(*floor->wants);
+	uint64_t begin_ns;
+
+	if (share_percent > 0) {
+		begin_ns = clock_now_ns();
+		(void)wire_send(floor->fd, floor->message, floor->message_bytes, NULL, 0);
+		return (double)(clock_now_ns() - begin_ns) / 1e3;
+	}
+	begin_ns = clock_now_ns();
+	if (memcmp(floor->wants, holder->wants, wants_bytes) != 0)
+		memcpy(floor->wants, holder->wants, wants_bytes);
+	return (double)(clock_now_ns() - begin_ns) / 1e3;
+}
+
 /* One frame, measured; then what is left of its time is slept. */
 static int frame_measure(struct holder *holder, unsigned share_percent, uint64_t end_ns,
 			 double *ret_set_us, double *ret_map_us)
@@ -177,6 +243,7 @@ static void cost_done(struct frames_cost *cost)
 {
 	free(cost->set_us);
 	free(cost->map_us);
+	free(cost->floor_us);
 	*cost = (struct frames_cost){ 0 };
 }
 
@@ -265,13 +332,18 @@ int frames_measure_one(const struct frames_config *config, struct frames_one *re
 {
 	uint64_t frame_ns = (uint64_t)((double)NS_PER_S / config->rate);
 	struct holder holder = { 0 };
+	struct floor floor = { .fd = -1 };
 	uint64_t end_ns;
 	int r = holder_init(&holder, config, why);
 
 	memset(ret, 0, sizeof(*ret));
-	for (unsigned s = 0; r == 0 && s < FRAMES_SHARE_COUNT; s++)
-		if (cost_make(&ret->costs[s], config->frame_count) < 0)
+	if (r == 0)
+		r = floor_init(&floor, &holder, why);
+	for (unsigned s = 0; r == 0 && s < FRAMES_SHARE_COUNT; s++) {
+		ret->costs[s].floor_us = calloc(config->frame_count, sizeof(double));
+		if (!ret->costs[s].floor_us || cost_make(&ret->costs[s], config->frame_count) < 0)
 			r = why_set(why, -ENOMEM, "out of memory");
+	}
 	end_ns = clock_now_ns();
 	for (size_t i = 0; r == 0 && i < FRAMES_SHARE_COUNT * config->frame_count; i++) {
 		size_t turn = i / TURN_FRAMES;
@@ -282,6 +354,8 @@ int frames_measure_one(const struct frames_config *config, struct frames_one *re
 		end_ns += frame_ns;
 		/* The last turns are cut where the number of frames is no multiple of theirs. */
 		at = at < cost->count ? at : cost->count - 1;
+		cost->floor_us[at] = floor_measure(&floor, &holder, frames_shares[s]);
+		wait_until(end_ns - frame_ns / 2);
 		r = frame_measure(&holder, frames_shares[s], end_ns, &cost->set_us[at],
 				  &cost->map_us[at]);
 		if (r < 0)
@@ -291,6 +365,7 @@ int frames_measure_one(const struct frames_config *config, struct frames_one *re
 	}
 	ret->held_count = holder.held_count;
 	holder_done(&holder);
+	floor_done(&floor);
 	for (unsigned s = 0; r == 0 && s < FRAMES_SHARE_COUNT; s++)
 		ret->costs[s].system_calls = count_system_calls(config, frames_shares[s]);
 	if (r < 0)

@@ -31,6 +31,11 @@ struct frames_config {
 struct frames_cost {
 	double *set_us; /* ooc_dispatch() and ooc_visible_set() */
 	double *map_us; /* ooc_map() of every node */
+	/*
+	 * What it cannot go below: where nothing changed, a compare of as many bytes as a set has; else
+	 * a message as long to a process that takes it and does nothing.  NULL: not measured.
+	 */
+	double *floor_us;
 	size_t count;
 	double system_calls; /* a frame, in the first of the two; NaN: they cannot be counted here */
 };

@@ -67,8 +67,8 @@ struct cache_options {
 };
 
 static const struct contestant *const contestants[] = {
-	&contestant_oocd, &contestant_mmap,      &contestant_pread,
-	&contestant_lmdb, &contestant_memcached, &contestant_table,
+	&contestant_oocd,      &contestant_mmap,  &contestant_pread, &contestant_lmdb,
+	&contestant_memcached, &contestant_table, &contestant_asked,
 };
 #define CONTESTANT_COUNT ARRAY_LENGTH(contestants)
 
@@ -251,7 +251,7 @@ static int run_regime(struct cache *cache, struct contest_seat **seats, size_t r
 	int r = 0;
 
 	for (size_t i = 0; r == 0 && i < CONTESTANT_COUNT; i++)
-		if (seats[i] && !(how->cold && contestants[i] == &contestant_table))
+		if (seats[i] && !(how->cold && !contestants[i]->forget))
 			r = score_make(cache, regime, i, why);
 	for (size_t round = 0; r == 0 && round < cache->options->repeat_count; round++) {
 		/* Every one is first in turn, and after every other in turn. */
@@ -345,8 +345,7 @@ static int run_limited(struct cache *cache, size_t regime, struct why *why)
 		for (size_t k = 0; r == 0 && k < CONTESTANT_COUNT; k++) {
 			size_t i = round % 2 ? CONTESTANT_COUNT - 1 - k : k;
 
-			if (contestants[i] != &contestant_table &&
-			    cache->missing[regime][i].text[0] == '\0')
+			if (contestants[i]->forget && cache->missing[regime][i].text[0] == '\0')
 				r = run_limited_turn(cache, regime, i, why);
 		}
 	return r;
@@ -375,13 +374,16 @@ static int measure_contest(struct cache *cache, struct why *why)
 /* ---- reports ---- */
 
 static void report_cost(struct report *report, const char *key, const char *title,
-			struct frames_cost *cost)
+			struct frames_cost *cost, const char *floor_title)
 {
 	report_group_begin(report, key, title);
 	report_distribution(report, "set_us", "dispatch and set",
 			    distribution_of(cost->set_us, cost->count), "us");
 	report_distribution(report, "map_us", "map of every node",
 			    distribution_of(cost->map_us, cost->count), "us");
+	if (cost->floor_us)
+		report_distribution(report, "floor_us", floor_title,
+				    distribution_of(cost->floor_us, cost->count), "us");
 	if (cost->system_calls >= 0.0)
 		report_number(report, "system_calls", "system calls a frame", cost->system_calls,
 			      "");
@@ -396,13 +398,17 @@ static void report_frames(struct cache *cache, struct report *report)
 		"one client, nothing changed", "one client, 10 % of the set changed",
 		"one client, the whole set changed"
 	};
+	static const char *const floors[FRAMES_SHARE_COUNT] = { "a compare of as many bytes",
+								"a message of as many bytes",
+								"a message of as many bytes" };
 
 	report_number(report, "held_nodes", "nodes held", (double)cache->one.held_count, "");
 	for (unsigned s = 0; s < FRAMES_SHARE_COUNT; s++)
-		report_cost(report, keys[s], titles[s], &cache->one.costs[s]);
+		report_cost(report, keys[s], titles[s], &cache->one.costs[s], floors[s]);
 	report_number(report, "crowd_clients", "clients of the crowd",
 		      (double)cache->options->client_count, "");
-	report_cost(report, "crowd", "in the crowd, 10 % of each set changed", &cache->crowd.cost);
+	report_cost(report, "crowd", "in the crowd, 10 % of each set changed", &cache->crowd.cost,
+		    NULL);
 	report_number(report, "crowd_answered_low", "sets answered a second, least of a client",
 		      cache->crowd.answered_low, "");
 	report_number(report, "crowd_answered_high", "sets answered a second, most of a client",

@@ -82,8 +82,6 @@ static int make_store(struct replay *replay, uint32_t number, enum replacement_p
 	if (!served->records || !served->nodes || !served->directory || !served->ledger.held ||
 	    replacement_create(policy, count, &served->replacement) < 0)
 		return why_errno(why, -ENOMEM, "a replay");
-	for (uint32_t i = 0; i < count; i++)
-		node_init(&served->nodes[i]);
 	cache_add_store(&replay->cache, served);
 	return 0;
 }
@@ -95,12 +93,14 @@ static void fill_records(struct replay *replay)
 	for (uint32_t i = 0; i < schedule->entry_count; i++) {
 		const struct trace_entry *entry = &schedule->entries[i];
 		/* Ours until here: the daemon has them in a sealed file. */
-		struct store_node *records =
-			(struct store_node *)(uintptr_t)replay->stores[entry->store].records;
+		const struct served *served = &replay->stores[entry->store];
+		struct store_node *record =
+			(struct store_node *)(uintptr_t)&served->records[replay->entries[i].index];
 
-		records[replay->entries[i].index].payload_id = i + UINT64_C(1);
-		records[replay->entries[i].index].payload_bytes = entry->pages * WIRE_PAGE_BYTES;
-		records[replay->entries[i].index].stored_bytes = entry->bytes;
+		record->payload_id = i + UINT64_C(1);
+		record->payload_bytes = entry->pages * WIRE_PAGE_BYTES;
+		record->stored_bytes = entry->bytes;
+		node_init(&served->nodes[replay->entries[i].index], record->payload_bytes);
 	}
 }
 
