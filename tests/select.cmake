@@ -17,6 +17,8 @@ oocd_test(test_conservative unit
 	LINK oocd_select oocd_store oocd_test_helper m SKIPS_TSAN)
 oocd_test(test_occlusion unit
 	SOURCES unit/test_occlusion.c LINK oocd_select oocd_test_helper m)
+oocd_test(test_tight_boxes unit
+	SOURCES unit/test_tight_boxes.c LINK oocd_select oocd_store oocd_test_helper)
 oocd_test(test_select_orders unit
 	SOURCES unit/test_select_orders.c helper_scene.c
 	LINK oocd_select oocd_store oocd_test_helper m SKIPS_TSAN)

@@ -3,7 +3,6 @@ oocd_test(test_camera_control unit
 	SOURCES unit/test_camera_control.c LINK oocd_view oocd_test_helper m)
 oocd_test(test_camera_path unit SOURCES unit/test_camera_path.c LINK oocd_view oocd_test_helper m)
 oocd_test(test_pace unit SOURCES unit/test_pace.c LINK oocd_view oocd_test_helper m)
-oocd_test(test_tight_boxes unit SOURCES unit/test_tight_boxes.c LINK oocd_view oocd_test_helper)
 oocd_test(test_image unit SOURCES unit/test_image.c LINK oocd_view oocd_test_helper)
 add_library(oocd_view_kit STATIC integration/view_kit.c)
 target_link_libraries(oocd_view_kit PUBLIC oocd_view oocd_daemon_kit PkgConfig::CMOCKA)

@@ -16,13 +16,8 @@ struct frame_conservative *frame_conservative_destroy(struct frame_conservative 
 {
 	if (!self)
 		return NULL;
-	for (uint32_t i = 0; i < WORLD_STORE_COUNT_MAX; i++) {
+	for (uint32_t i = 0; i < WORLD_STORE_COUNT_MAX; i++)
 		conservative_destroy(self->stores[i]);
-		tight_boxes_destroy(self->tight[i]);
-	}
-	free(self->fine.boxes);
-	free(self->fine.of);
-	free(self->fine.shows);
 	glDeleteQueries(1, &self->tie_query);
 	glDeleteFramebuffers(1, &self->framebuffer);
 	glDeleteRenderbuffers(1, &self->seen);
@@ -46,9 +41,6 @@ static int create(struct frame *frame, struct frame_conservative **ret, struct w
 	for (uint32_t i = 0; i < world->store_count; i++) {
 		self->node_count += world->stores[i].superblock->node_count;
 		r = conservative_create(world->stores[i].selector, &self->stores[i]);
-		if (r == 0)
-			r = tight_boxes_create(world->stores[i].superblock->node_count,
-					       &self->tight[i]);
 		if (r < 0)
 			goto err_destroy;
 	}
@@ -155,7 +147,6 @@ static int begin(struct frame *frame, const struct frame_picture *picture, bool 
 	self->why = why;
 	self->is_settled = is_settled;
 	self->turn++;
-	self->learnt = 0;
 	self->has_tied = false;
 	self->visibility = picture->style->visibility;
 	/* The software's image is of the whole picture. */

@@ -16,7 +16,6 @@
 #include "libclient/select/occlusion.h"
 #include "viewer/box_test.h"
 #include "viewer/frame_private.h"
-#include "viewer/tight_boxes.h"
 
 /** A pixel of the item buffer that shows no node. */
 #define FRAME_NOTHING_SEEN UINT32_MAX
@@ -25,7 +24,6 @@ struct frame_conservative {
 	struct frame *frame;
 	struct box_test *boxes;
 	struct conservative *stores[WORLD_STORE_COUNT_MAX];
-	struct tight_boxes *tight[WORLD_STORE_COUNT_MAX];
 	struct conservative_result results[WORLD_STORE_COUNT_MAX]; /* of the frame in hand */
 	uint64_t turn;                                             /* frames so far */
 
@@ -41,17 +39,7 @@ struct frame_conservative {
 	struct occlusion *occlusion; /* NULL: not used yet; as large as the picture */
 	bool is_software_exact;
 
-	/* Tight boxes of a round, and which box of the round each is of. */
-	struct {
-		struct conservative_box *boxes;
-		size_t *of;
-		bool *shows;
-		size_t room;
-		size_t count;
-	} fine;
-
 	/* The frame in hand. */
-	uint32_t learnt; /* nodes whose tight boxes are new */
 	const struct frame_picture *picture;
 	struct frame_report *report;
 	struct why *why;

@@ -2,7 +2,6 @@
 #include "viewer/frame_conservative.h"
 
 #include <errno.h>
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -16,14 +15,12 @@
  * drawn that others of the same round hide.
  */
 #define ROUND_MAX 64u
+/* What a box costs OpenGL: its own twelve, and fragments. */
+#define TRIANGLES_A_BOX 16u
 /* Queries look at so large a share of what was drawn, in turn, whether it still shows. */
 #define REMAIN_SHARE 8u
-/* Nodes whose boxes are learnt in one frame, so that no frame learns a whole model: about a ms. */
-#define LEARNT_MAX 64u
 /* How often a live frame that waits looks whether the program is to stop. */
 #define WAIT_STEP_MS 2
-/* As libclient/select/conservative.c has it: covers what the float transform rounds. */
-#define NEAR_MARGIN 1.01
 
 /* ---- drawing nodes ---- */
 
@@ -228,36 +225,6 @@ static int test_queries(struct frame_conservative *self, const struct conservati
 				ret_shows);
 }
 
-/* Does a box reach to where the software cannot project it? */
-static bool reaches_near(const struct camera_view *view, const struct conservative_box *box)
-{
-	double least = 0.0;
-
-	for (int k = 0; k < 3; k++)
-		least += fmin((box->box_min[k] - view->eye[k]) * view->forward[k],
-			      (box->box_max[k] - view->eye[k]) * view->forward[k]);
-	return least <= view->near * NEAR_MARGIN;
-}
-
-/* The software tests what lies behind the near plane; the rest shows. */
-static int test_in_software(struct frame_conservative *self, const struct conservative_box *boxes,
-			    size_t box_count, bool *ret_shows)
-{
-	const struct camera_view *view = &store_of(self)->view;
-
-	for (size_t i = 0; i < box_count; i++) {
-		int r = 0;
-
-		ret_shows[i] = reaches_near(view, &boxes[i]);
-		if (!ret_shows[i])
-			r = self->software_tester.test(self->software_tester.context, &boxes[i], 1,
-						       &ret_shows[i]);
-		if (r < 0)
-			return r;
-	}
-	return 0;
-}
-
 static int test_boxes(struct frame_conservative *self, const struct conservative_box *boxes,
 		      size_t box_count, bool *ret_shows)
 {
@@ -269,7 +236,8 @@ static int test_boxes(struct frame_conservative *self, const struct conservative
 	case FRAME_VISIBILITY_QUERIES:
 		return test_queries(self, boxes, box_count, ret_shows);
 	case FRAME_VISIBILITY_SOFTWARE:
-		return test_in_software(self, boxes, box_count, ret_shows);
+		return self->software_tester.test(self->software_tester.context, boxes, box_count,
+						  ret_shows);
 	case FRAME_VISIBILITY_COUNT_:
 		break;
 	}
@@ -277,78 +245,11 @@ static int test_boxes(struct frame_conservative *self, const struct conservative
 	return -EINVAL;
 }
 
-static int reserve_fine(struct frame_conservative *self, size_t count)
+static const void *on_payload(void *context, uint32_t node)
 {
-	size_t room = count + count / 2;
-	void *grown;
+	const struct frame_conservative *self = context;
 
-	if (count <= self->fine.room)
-		return 0;
-	grown = reallocarray(self->fine.boxes, room, sizeof(*self->fine.boxes));
-	if (!grown)
-		return -ENOMEM;
-	self->fine.boxes = grown;
-	grown = reallocarray(self->fine.of, room, sizeof(*self->fine.of));
-	if (!grown)
-		return -ENOMEM;
-	self->fine.of = grown;
-	grown = reallocarray(self->fine.shows, room, sizeof(*self->fine.shows));
-	if (!grown)
-		return -ENOMEM;
-	self->fine.shows = grown;
-	self->fine.room = room;
-	return 0;
-}
-
-/* Adds the tight boxes of a box to those that are tested, if they are known or can be learnt. */
-static int take_fine(struct frame_conservative *self, const struct conservative_box *box,
-		     size_t number)
-{
-	struct tight_boxes *tight = self->tight[self->store];
-	const struct conservative_box *fine;
-	uint32_t count = tight_boxes_find(tight, box->node, &fine);
-	const void *payload = NULL;
-	int r;
-
-	if (count == 0 && self->learnt < LEARNT_MAX)
-		payload = ooc_map(store_of(self)->store, box->node);
-	if (payload) {
-		r = tight_boxes_learn(tight, box, payload);
-		if (r < 0)
-			return r;
-		self->learnt++;
-		count = tight_boxes_find(tight, box->node, &fine);
-	}
-	r = reserve_fine(self, self->fine.count + count);
-	if (r < 0)
-		return r;
-	for (uint32_t i = 0; i < count; i++) {
-		self->fine.boxes[self->fine.count] = fine[i];
-		self->fine.of[self->fine.count++] = number;
-	}
-	return 0;
-}
-
-/* Of what shows as a whole, hides again what has no part that shows. */
-static int test_fine(struct frame_conservative *self, const struct conservative_box *boxes,
-		     size_t box_count, bool *shows)
-{
-	int r = 0;
-
-	self->fine.count = 0;
-	for (size_t i = 0; i < box_count && r == 0; i++)
-		if (shows[i])
-			r = take_fine(self, &boxes[i], i);
-	if (r == 0 && self->fine.count > 0)
-		r = test_boxes(self, self->fine.boxes, self->fine.count, self->fine.shows);
-	if (r < 0)
-		return r;
-	for (size_t i = 0; i < self->fine.count; i++)
-		shows[self->fine.of[i]] = false;
-	for (size_t i = 0; i < self->fine.count; i++)
-		shows[self->fine.of[i]] = shows[self->fine.of[i]] || self->fine.shows[i];
-	self->report->boxes_tested += self->fine.count;
-	return 0;
+	return payload_of(store_of(self)->store, node);
 }
 
 static int on_test(void *context, const struct conservative_box *boxes, size_t box_count,
@@ -359,8 +260,6 @@ static int on_test(void *context, const struct conservative_box *boxes, size_t b
 	int r = test_boxes(self, boxes, box_count, ret_shows);
 
 	self->is_tested = true;
-	if (r == 0)
-		r = test_fine(self, boxes, box_count, ret_shows);
 	self->report->selection_ms += frame_ms_since(begin_ns);
 	return r;
 }
@@ -452,9 +351,10 @@ struct conservative_tester frame_tester_begin(struct frame_conservative *self, u
 	struct conservative_tester tester = { .draw = on_draw,
 					      .test = on_test,
 					      .remain = on_remain,
+					      .payload = on_payload,
 					      .context = self,
-					      .tests_near = true,
-					      .round_max = ROUND_MAX };
+					      .round_max = ROUND_MAX,
+					      .box_triangles = TRIANGLES_A_BOX };
 	const struct world_store *store;
 
 	self->store = store_index;
@@ -469,6 +369,8 @@ struct conservative_tester frame_tester_begin(struct frame_conservative *self, u
 							   .item_first = store->first_seen };
 		self->software_tester = occlusion_tester(&self->software);
 		tester.round_max = self->software_tester.round_max;
+		tester.draws_twice = self->software_tester.draws_twice;
+		tester.box_triangles = self->software_tester.box_triangles;
 	}
 	return tester;
 }

@@ -9,13 +9,12 @@
 
 #include "formats/base/check.h"
 #include "libclient/select/selector.h"
+#include "libclient/select/tight_boxes.h"
 
 /** Boxes of the first round: little is drawn yet, so most of them show. */
 #define ROUND_FIRST 16u
-/** A box that comes so close to the near plane is not tested; covers what the float transform rounds. */
-#define NEAR_MARGIN 1.01
-/** Testing pays if it hides at least one triangle in as many. */
-#define PAYS_ONE_IN 4u
+/** Testing pays if it saves at least one triangle in as many. */
+#define PAYS_ONE_IN 8u
 /** Frames without a test, when it did not pay: twice as many each time, up to this. */
 #define UNTESTED_FRAMES_MAX 32u
 
@@ -29,9 +28,9 @@ struct conservative {
 	struct selector *selector;
 	uint32_t frame;
 	uint32_t *shown; /* a node: the frame in which it showed last */
+	struct tight_boxes *tight;
 
 	/* Of the frame in hand. */
-	struct camera_view view;
 	struct candidate *candidates; /* nearest first */
 	size_t candidate_count;
 	struct conservative_result result;
@@ -57,6 +56,10 @@ int conservative_create(struct selector *selector, struct conservative **ret)
 	if (!conservative)
 		return -ENOMEM;
 	conservative->selector = selector;
+	if (tight_boxes_create(selector->node_count, &conservative->tight) < 0) {
+		free(conservative);
+		return -ENOMEM;
+	}
 	conservative->shown = calloc(room, sizeof(*conservative->shown));
 	conservative->candidates = calloc(room, sizeof(*conservative->candidates));
 	conservative->round = calloc(room, sizeof(*conservative->round));
@@ -79,6 +82,7 @@ struct conservative *conservative_destroy(struct conservative *conservative)
 {
 	if (!conservative)
 		return NULL;
+	tight_boxes_destroy(conservative->tight);
 	free(conservative->shown);
 	free(conservative->candidates);
 	free(conservative->round);
@@ -125,20 +129,6 @@ static struct conservative_box box_of(const struct selector *selector, uint32_t 
 	return box;
 }
 
-/* Does a box come too close to the near plane (or behind the eye) to be tested? */
-static bool box_is_near(const struct camera_view *view, const struct conservative_box *box)
-{
-	double least = 0.0;
-
-	for (int k = 0; k < 3; k++) {
-		double at_min = (box->box_min[k] - view->eye[k]) * view->forward[k];
-		double at_max = (box->box_max[k] - view->eye[k]) * view->forward[k];
-
-		least += fmin(at_min, at_max);
-	}
-	return least <= view->near * NEAR_MARGIN;
-}
-
 /* ---- rounds ---- */
 
 /* Draws the candidates in round[0 .. count - 1]. */
@@ -174,30 +164,24 @@ static int round_draw(struct conservative *conservative, const struct conservati
 static ssize_t round_test(struct conservative *conservative,
 			  const struct conservative_tester *tester, size_t count)
 {
-	size_t near_count = 0;
-	size_t box_count = 0;
-	size_t shown_count;
-	int r = 0;
+	size_t shown_count = 0;
+	size_t fine_count = 0;
+	int r;
 
-	/* Near ones to the front of the round, without a test; the others follow them. */
-	for (size_t i = 0; i < count; i++) {
-		uint32_t index = conservative->round[i];
-		struct conservative_box *box = &conservative->boxes[box_count];
-
-		*box = box_of(conservative->selector, conservative->candidates[index].node);
-		if (!tester->tests_near && box_is_near(&conservative->view, box))
-			conservative->round[near_count++] = index;
-		else
-			conservative->nodes[box_count++] = index;
-	}
-	if (box_count > 0)
-		r = tester->test(tester->context, conservative->boxes, box_count,
-				 conservative->answers);
+	if (count == 0)
+		return 0;
+	for (size_t i = 0; i < count; i++)
+		conservative->boxes[i] =
+			box_of(conservative->selector,
+			       conservative->candidates[conservative->round[i]].node);
+	r = tester->test(tester->context, conservative->boxes, count, conservative->answers);
+	if (r == 0)
+		r = tight_boxes_test(conservative->tight, tester, conservative->boxes, count,
+				     conservative->answers, &fine_count);
 	if (r < 0)
 		return r;
-	shown_count = near_count;
-	for (size_t i = 0; i < box_count; i++) {
-		uint32_t index = conservative->nodes[i];
+	for (size_t i = 0; i < count; i++) {
+		uint32_t index = conservative->round[i];
 
 		if (conservative->answers[i]) {
 			conservative->round[shown_count++] = index;
@@ -207,7 +191,7 @@ static ssize_t round_test(struct conservative *conservative,
 		conservative->candidates[index].is_decided = true;
 	}
 	conservative->result.rounds++;
-	conservative->result.boxes_tested += box_count;
+	conservative->result.boxes_tested += count + fine_count;
 	return (ssize_t)shown_count;
 }
 
@@ -265,11 +249,12 @@ static int start_draw(struct conservative *conservative, const struct conservati
 }
 
 /* Without a frame before, an approximate set counts as what it showed. */
-static void start_guess(struct conservative *conservative, const struct select_options *start)
+static void start_guess(struct conservative *conservative, const struct camera_view *view,
+			const struct select_options *start)
 {
 	struct selection selection;
 
-	select_approximate(conservative->selector, &conservative->view, start, &selection);
+	select_approximate(conservative->selector, view, start, &selection);
 	for (size_t i = 0; i < selection.entry_count; i++)
 		conservative->shown[selection.entries[i].node] = conservative->frame - 1;
 }
@@ -289,10 +274,16 @@ static int remain_ask(struct conservative *conservative, const struct conservati
 		conservative->nodes[count++] = conservative->candidates[i].node;
 	}
 	r = tester->remain(tester->context, conservative->nodes, count, conservative->answers);
-	for (size_t i = 0; r == 0 && i < count; i++)
-		if (!conservative->answers[i])
-			conservative->candidates[conservative->round[i]].state =
-				CONSERVATIVE_COVERED;
+	for (size_t i = 0; r == 0 && i < count; i++) {
+		uint32_t node = conservative->nodes[i];
+
+		if (conservative->answers[i])
+			continue;
+		conservative->candidates[conservative->round[i]].state = CONSERVATIVE_COVERED;
+		/* What was drawn because it had shown before says nothing about its boxes. */
+		if (conservative->shown[node] != conservative->frame - 1)
+			tight_boxes_were_wrong(conservative->tight, node);
+	}
 	return r;
 }
 
@@ -340,14 +331,18 @@ static bool testing_pays(struct conservative *conservative,
 	return false;
 }
 
-/* A view in which little is hidden is likely followed by others. */
-static void judge_testing(struct conservative *conservative)
+/* A view in which little is saved is likely followed by others. */
+static void judge_testing(struct conservative *conservative,
+			  const struct conservative_tester *tester)
 {
 	const struct conservative_result *result = &conservative->result;
-	uint64_t saved = result->candidate_triangles - result->shown_triangles;
+	uint64_t worth = result->candidate_triangles - result->candidate_triangles / PAYS_ONE_IN;
+	uint64_t spent = result->triangles_drawn + result->boxes_tested * tester->box_triangles;
 	unsigned length = 2 * conservative->untested_length;
 
-	if (!result->is_complete || saved >= result->candidate_triangles / PAYS_ONE_IN) {
+	if (tester->draws_twice)
+		spent += result->shown_triangles;
+	if (!result->is_complete || spent <= worth) {
 		conservative->untested_length = 0;
 		return;
 	}
@@ -363,9 +358,9 @@ int conservative_begin(struct conservative *conservative, const struct camera_vi
 	struct selection selection;
 	int r;
 
-	conservative->view = *view;
+	tight_boxes_begin(conservative->tight);
 	if (++conservative->frame == 2 && start)
-		start_guess(conservative, start);
+		start_guess(conservative, view, start);
 	select_frustum(conservative->selector, view, &selection);
 	candidates_take(conservative, &selection);
 	if (!testing_pays(conservative, tester)) {
@@ -383,7 +378,7 @@ int conservative_begin(struct conservative *conservative, const struct camera_vi
 	if (r < 0)
 		return r;
 	result_make(conservative, ret);
-	judge_testing(conservative);
+	judge_testing(conservative, tester);
 	return 0;
 }
 

@@ -12,6 +12,9 @@
  * cells is not needed: without it no round is spent on air, and a triangle that reaches out of its
  * cell is not missed.
  *
+ * A leaf's box is mostly air.  So what shows as a whole is tested again by the boxes of its parts, once
+ * its payload has been there (tight_boxes.h).
+ *
  * What draws and tests is the caller's: GL, queries, or occlusion.h.  It is handed over as a struct
  * of functions, and decides at which samples the answer is exact.
  *
@@ -48,7 +51,7 @@ struct conservative_tester {
 
 	/**
 	 * Says which boxes have a sample that is not behind the depth.  A box at the same depth shows.
-	 * Unless tests_near, no box reaches to the near plane: those count as showing without a test.
+	 * Boxes may reach to the near plane, and behind the eye.
 	 */
 	int (*test)(void *context, const struct conservative_box *boxes, size_t box_count,
 		    bool *ret_shows);
@@ -59,11 +62,18 @@ struct conservative_tester {
 	 */
 	int (*remain)(void *context, const uint32_t *nodes, size_t node_count, bool *ret_remains);
 
+	/**
+	 * The payload of a node, decoded and validated, from which the boxes of its parts are learnt;
+	 * or NULL where it is not there.  It is read before it is asked again.  NULL: whole boxes alone.
+	 */
+	const void *(*payload)(void *context, uint32_t node);
+
 	void *context;
-	bool tests_near; /* boxes that reach to the near plane, and behind the eye, are tested too */
+	bool draws_twice; /* what is drawn to test is no part of the picture */
 	size_t round_max; /* boxes tested at once, at least 1: few where an answer is quick */
 	/** What testing costs in any case, in triangles: with fewer to draw it does not pay. */
 	uint64_t overhead_triangles;
+	uint64_t box_triangles; /* what a box costs, likewise */
 };
 
 enum conservative_state {
@@ -93,7 +103,7 @@ struct conservative_result {
 	size_t candidate_count;
 	uint64_t candidate_triangles;
 	uint64_t rounds;
-	uint64_t boxes_tested;
+	uint64_t boxes_tested; /* of nodes, and of their parts */
 	uint64_t nodes_drawn;
 	uint64_t triangles_drawn;
 };

@@ -5,15 +5,20 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "libclient/select/raster.h"
+
 /** An answer takes less than a microsecond, and the sooner a node is drawn the more it hides. */
 #define ROUND_MAX 4u
 /** Clearing the image and looking through it costs as much as a triangle for so many pixels. */
 #define PIXELS_A_TRIANGLE 8u
+/** A box is projected and compared in the time of so many triangles. */
+#define TRIANGLES_A_BOX 8u
 
 struct occlusion {
 	uint32_t width;
 	uint32_t height;
 	struct raster *raster;
+	bool is_to_clear; /* before it is looked at: a frame that is not tested is spared it */
 	/* Scratch of remain(): a bit an item, of one store at a time. */
 	uint8_t *seen;
 	size_t seen_room;
@@ -51,11 +56,14 @@ struct occlusion *occlusion_destroy(struct occlusion *occlusion)
 
 void occlusion_clear(struct occlusion *occlusion)
 {
-	raster_clear(occlusion->raster);
+	occlusion->is_to_clear = true;
 }
 
-const struct raster *occlusion_image(const struct occlusion *occlusion)
+static struct raster *image(struct occlusion *occlusion)
 {
+	if (occlusion->is_to_clear)
+		raster_clear(occlusion->raster);
+	occlusion->is_to_clear = false;
 	return occlusion->raster;
 }
 
@@ -71,12 +79,19 @@ static int tester_draw(void *context, const uint32_t *nodes, size_t node_count, 
 
 		ret_drawn[i] = payload != NULL;
 		if (payload)
-			r = raster_draw_payload(store->occlusion->raster, store->view, payload,
+			r = raster_draw_payload(image(store->occlusion), store->view, payload,
 						store->item_first + nodes[i], 0);
 		if (r < 0)
 			return r;
 	}
 	return 0;
+}
+
+static const void *tester_payload(void *context, uint32_t node)
+{
+	const struct occlusion_store *store = context;
+
+	return store->payload_of(store->context, node);
 }
 
 static int tester_test(void *context, const struct conservative_box *boxes, size_t box_count,
@@ -91,7 +106,7 @@ static int tester_test(void *context, const struct conservative_box *boxes, size
 
 		ret_shows[i] = screen_box_set(&box, store->view, side, boxes[i].box_min,
 					      boxes[i].box_max) &&
-			       raster_shows(store->occlusion->raster, &box);
+			       raster_shows(image(store->occlusion), &box);
 	}
 	return 0;
 }
@@ -114,7 +129,7 @@ static int tester_remain(void *context, const uint32_t *nodes, size_t node_count
 {
 	const struct occlusion_store *store = context;
 	struct occlusion *occlusion = store->occlusion;
-	const uint64_t *items = raster_items(occlusion->raster);
+	const uint64_t *items = raster_items(image(occlusion));
 	uint32_t node_end = 0;
 
 	for (size_t i = 0; i < node_count; i++)
@@ -140,8 +155,10 @@ struct conservative_tester occlusion_tester(struct occlusion_store *store)
 	return (struct conservative_tester){ .draw = tester_draw,
 					     .test = tester_test,
 					     .remain = tester_remain,
+					     .payload = tester_payload,
 					     .context = store,
+					     .draws_twice = true,
 					     .round_max = ROUND_MAX,
-					     .overhead_triangles =
-						     pixel_count / PIXELS_A_TRIANGLE };
+					     .overhead_triangles = pixel_count / PIXELS_A_TRIANGLE,
+					     .box_triangles = TRIANGLES_A_BOX };
 }

@@ -4,8 +4,8 @@
  * boxes are tested against the pyramid of its depth.
  *
  * The answer is exact for pictures of the size of the image, drawn with raster.h's rules: a box
- * counts with all pixels of the rectangle around it, one more on each side, and with its nearest
- * depth, which RASTER_DEPTH_OFFSET lets nothing in it pass (but for the rounding of needles thinner
+ * counts with all samples that it touches, a quarter of a pixel larger on each side, and with its
+ * nearest depth there, which RASTER_DEPTH_OFFSET lets nothing in it pass (but for the rounding of needles thinner
  * than about 1/100,000 pixel, of which none was met; README.md).  An image that is smaller than the
  * picture is quicker, and an approximation.
  *
@@ -19,7 +19,6 @@
 
 #include "libclient/select/camera.h"
 #include "libclient/select/conservative.h"
-#include "libclient/select/raster.h"
 
 struct occlusion;
 
@@ -52,8 +51,5 @@ struct occlusion_store {
 
 /** store:  stays in place as long as the tester is used. */
 struct conservative_tester occlusion_tester(struct occlusion_store *store);
-
-/** The image: items are item_first + node. */
-const struct raster *occlusion_image(const struct occlusion *occlusion);
 
 #endif /* LIBCLIENT_SELECT_OCCLUSION_H */

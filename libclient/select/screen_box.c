@@ -7,51 +7,123 @@
 #define DEPTH_SLACK 1e-5
 /** A few of a float's last bits. */
 #define FLOAT_SLACK 0x1p-21
+/**
+ * What the corners are off by where the near plane cuts a triangle, relative to its distance: a sum of
+ * floats as large as the triangle's own corners.
+ */
+#define CUT_SLACK 0x1p-22
+/** Closer to the near plane than this, rounding may let it cut a box. */
+#define NEAR_MARGIN 1.01
+
+/* fmin() and fmax() are calls, for the sake of values that are not numbers; there are none here. */
+static inline double lesser(double a, double b)
+{
+	return a < b ? a : b;
+}
+
+static inline double greater(double a, double b)
+{
+	return a > b ? a : b;
+}
+
+/* The range of what was projected so far, in shares of the screen from its middle. */
+struct range {
+	double low[2];
+	double high[2];
+};
+
+static void range_add(struct range *range, const struct camera_view *view, const double at[3])
+{
+	const double tan_half[2] = { view->tan_half_x, -view->tan_half_y };
+
+	for (unsigned axis = 0; axis < 2; axis++) {
+		double share = 0.5 * at[axis] / (at[2] * tan_half[axis]);
+
+		range->low[axis] = lesser(range->low[axis], share);
+		range->high[axis] = greater(range->high[axis], share);
+	}
+}
+
+/* Where the edges of a box meet the near plane, between corners behind it and others. */
+static void range_add_cut(struct range *range, const struct camera_view *view,
+			  const double corners[8][3])
+{
+	for (unsigned from = 0; from < 8; from++)
+		for (unsigned axis = 0; axis < 3; axis++) {
+			const double *behind = corners[from];
+			const double *before = corners[from ^ 1u << axis];
+			double at[3] = { 0.0, 0.0, view->near };
+			double t;
+
+			if (behind[2] >= view->near || before[2] < view->near)
+				continue;
+			t = (view->near - behind[2]) / (before[2] - behind[2]);
+			for (unsigned k = 0; k < 2; k++)
+				at[k] = behind[k] + t * (before[k] - behind[k]);
+			range_add(range, view, at);
+		}
+}
+
+/* The corners of a box along right, up and forward, from the eye.  Returns: the farthest's reach. */
+static double corners_set(const struct camera_view *view, const float box_min[3],
+			  const float box_max[3], double ret[8][3])
+{
+	const double *const axes[3] = { view->right, view->up, view->forward };
+	double reach = 0.0;
+
+	for (unsigned corner = 0; corner < 8; corner++)
+		for (unsigned axis = 0; axis < 3; axis++) {
+			ret[corner][axis] = 0.0;
+			for (unsigned k = 0; k < 3; k++)
+				ret[corner][axis] += axes[axis][k] *
+						     ((corner >> k & 1 ? box_max[k] : box_min[k]) -
+						      view->eye[k]);
+			reach = greater(reach, fabs(ret[corner][axis]));
+		}
+	return reach;
+}
 
 /*
- * The corners' rectangle, with a pixel more on each side, and the depth of the nearest corner.
- * Returns: false when it is beside the screen.
+ * The samples that the box before the near plane may touch.
+ *
+ * ret_slack:  what depths of triangles in it may be off by.
+ *
+ * Returns: false when there are none.
  */
 static bool rectangle_set(struct screen_box *ret, const struct camera_view *view,
 			  const uint32_t side[2], const float box_min[3], const float box_max[3],
-			  double *ret_nearest)
+			  double *ret_slack)
 {
-	double low[2] = { INFINITY, INFINITY };
-	double high[2] = { -INFINITY, -INFINITY };
+	struct range range = { { INFINITY, INFINITY }, { -INFINITY, -INFINITY } };
+	double corners[8][3];
+	double reach = corners_set(view, box_min, box_max, corners);
 	double nearest = INFINITY;
+	double cut = 0.0;
 
 	for (unsigned corner = 0; corner < 8; corner++) {
-		double at[2] = { 0.0, 0.0 };
-		double w = 0.0;
-
-		for (unsigned k = 0; k < 3; k++) {
-			double from_eye =
-				(corner >> k & 1 ? box_max[k] : box_min[k]) - view->eye[k];
-
-			at[0] += view->right[k] * from_eye;
-			at[1] -= view->up[k] * from_eye;
-			w += view->forward[k] * from_eye;
-		}
-		nearest = fmin(nearest, w);
-		at[0] *= 0.5 / (w * view->tan_half_x);
-		at[1] *= 0.5 / (w * view->tan_half_y);
-		for (unsigned axis = 0; axis < 2; axis++) {
-			low[axis] = fmin(low[axis], at[axis]);
-			high[axis] = fmax(high[axis], at[axis]);
-		}
+		nearest = lesser(nearest, corners[corner][2]);
+		if (corners[corner][2] >= view->near)
+			range_add(&range, view, corners[corner]);
+	}
+	if (nearest < view->near * NEAR_MARGIN) {
+		range_add_cut(&range, view, (const double(*)[3])corners);
+		cut = CUT_SLACK * reach / view->near;
+		nearest = view->near;
 	}
 	for (unsigned axis = 0; axis < 2; axis++) {
-		low[axis] = (0.5 + low[axis]) * side[axis] - 1.5;
-		high[axis] = (0.5 + high[axis]) * side[axis] + 0.5;
-		if (high[axis] < 0.0 || low[axis] > side[axis] - 1.0)
+		double margin = SCREEN_BOX_MARGIN + 0.5 + cut * side[axis];
+		double low = ceil((0.5 + range.low[axis]) * side[axis] - margin);
+		double high = floor((0.5 + range.high[axis]) * side[axis] + margin - 1.0);
+
+		range.low[axis] = greater(low, 0.0);
+		range.high[axis] = lesser(high, side[axis] - 1.0);
+		if (!(range.low[axis] <= range.high[axis]))
 			return false;
-		low[axis] = fmax(low[axis], 0.0);
-		high[axis] = fmin(high[axis], side[axis] - 1.0);
 	}
 	ret->rectangle =
-		(struct screen_rectangle){ (uint32_t)low[0], (uint32_t)low[1],
-					   (uint32_t)ceil(high[0]), (uint32_t)ceil(high[1]) };
-	*ret_nearest = view->near / nearest;
+		(struct screen_rectangle){ (uint32_t)range.low[0], (uint32_t)range.low[1],
+					   (uint32_t)range.high[0], (uint32_t)range.high[1] };
+	*ret_slack = DEPTH_SLACK * view->near / nearest + cut;
 	return true;
 }
 
@@ -81,14 +153,12 @@ static struct screen_plane plane_at(const struct camera_view *view, const uint32
 bool screen_box_set(struct screen_box *ret, const struct camera_view *view, const uint32_t side[2],
 		    const float box_min[3], const float box_max[3])
 {
-	double nearest;
 	double slack;
 
 	ret->front_count = 0;
 	ret->back_count = 0;
-	if (!rectangle_set(ret, view, side, box_min, box_max, &nearest))
+	if (!rectangle_set(ret, view, side, box_min, box_max, &slack))
 		return false;
-	slack = DEPTH_SLACK * nearest;
 	for (unsigned k = 0; k < 3; k++) {
 		double to_min = box_min[k] - view->eye[k];
 		double to_max = box_max[k] - view->eye[k];

@@ -20,6 +20,12 @@
 
 #include "libclient/select/camera.h"
 
+/**
+ * Pixels by which a box is taken larger on each side.  Snapping moves the corners of what is in it by
+ * 1/256, and a triangle is drawn up to so much beyond its edges: this is plenty.
+ */
+#define SCREEN_BOX_MARGIN 0.25f
+
 /** Pixels x0 .. x1, y0 .. y1, inclusive, rows from the top. */
 struct screen_rectangle {
 	uint32_t x0, y0, x1, y1;
@@ -39,25 +45,28 @@ struct screen_box {
 };
 
 /**
- * Puts a box on a screen; no corner is nearer than the near plane.
+ * Puts a box on a screen, or what of it lies before the near plane.
  *
  * side:              width and height, pixels.
  * box_min, box_max:  from the store's origin.
  *
- * Returns: false when it is beside the screen.
+ * Returns: false when no sample can be touched: it is beside the screen, behind the near plane, or
+ *	between pixel centres.
  */
 bool screen_box_set(struct screen_box *ret, const struct camera_view *view, const uint32_t side[2],
 		    const float box_min[3], const float box_max[3]);
 
 /**
  * The nearest depth that a triangle inside the box may have in the pixels of a rectangle, with a
- * margin of a pixel on each side; negative where it cannot touch them.
+ * margin on each side; negative where it cannot touch them.
  */
 static inline float screen_box_depth(const struct screen_box *box,
 				     const struct screen_rectangle *rectangle)
 {
-	const float x[2] = { (float)rectangle->x0 - 1.0f, (float)rectangle->x1 + 1.0f };
-	const float y[2] = { (float)rectangle->y0 - 1.0f, (float)rectangle->y1 + 1.0f };
+	const float x[2] = { (float)rectangle->x0 - SCREEN_BOX_MARGIN,
+			     (float)rectangle->x1 + SCREEN_BOX_MARGIN };
+	const float y[2] = { (float)rectangle->y0 - SCREEN_BOX_MARGIN,
+			     (float)rectangle->y1 + SCREEN_BOX_MARGIN };
 	float enters = FLT_MAX;
 	float leaves = 0.0f;
 

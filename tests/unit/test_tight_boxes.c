@@ -14,8 +14,8 @@
 #include <cmocka.h>
 
 #include "formats/store/payload.h"
+#include "libclient/select/tight_boxes.h"
 #include "tests/helper.h"
-#include "viewer/tight_boxes.h"
 
 #define TRIANGLE_COUNT 60u
 #define VERTEX_COUNT   (3u * TRIANGLE_COUNT)
@@ -136,12 +136,16 @@ static void every_point_of_every_triangle_is_in_a_box(void **state)
 		payload = make_payload();
 		assert_int_equal(tight_boxes_create(3, &tight), 0);
 		assert_int_equal(tight_boxes_find(tight, 2, &boxes), 0);
-		assert_int_equal(tight_boxes_learn(tight, &whole, payload), 0);
 		assert_int_equal(tight_boxes_find(tight, 1, &boxes), 0);
-		count = tight_boxes_find(tight, 2, &boxes);
-		assert_in_range(count, 1, TIGHT_BOXES_MAX);
-		for (uint32_t triangle = 0; triangle < TRIANGLE_COUNT; triangle++)
-			check_triangle(boxes, count, triangle);
+		for (uint32_t side = TIGHT_BOXES_SIDE_MIN; side <= TIGHT_BOXES_SIDE_MAX;
+		     side *= 2) {
+			assert_int_equal(tight_boxes_learn(tight, &whole, payload), 0);
+			count = tight_boxes_find(tight, 2, &boxes);
+			assert_in_range(count, 1, side * side);
+			for (uint32_t triangle = 0; triangle < TRIANGLE_COUNT; triangle++)
+				check_triangle(boxes, count, triangle);
+			tight_boxes_were_wrong(tight, 2);
+		}
 		tight_boxes_destroy(tight);
 		free(payload);
 	}
@@ -164,8 +168,78 @@ static void a_node_that_is_mostly_air_has_small_boxes(void **state)
 	payload = make_payload();
 	assert_int_equal(tight_boxes_create(1, &tight), 0);
 	assert_int_equal(tight_boxes_learn(tight, &whole, payload), 0);
-	assert_in_range(tight_boxes_find(tight, 0, &boxes), 1, TIGHT_BOXES_SIDE);
+	assert_in_range(tight_boxes_find(tight, 0, &boxes), 1, TIGHT_BOXES_SIDE_MIN);
 	assert_true(boxes[0].box_max[0] - boxes[0].box_min[0] < 2.0f);
+	tight_boxes_destroy(tight);
+	free(payload);
+}
+
+/* What the tester below is asked, and what it answers. */
+struct answers {
+	const void *payload;
+	bool shows;
+	size_t tested_count;
+};
+
+static int answer(void *context, const struct conservative_box *boxes, size_t box_count,
+		  bool *ret_shows)
+{
+	struct answers *answers = context;
+
+	(void)boxes;
+	answers->tested_count += box_count;
+	for (size_t i = 0; i < box_count; i++)
+		ret_shows[i] = answers->shows;
+	return 0;
+}
+
+static const void *payload_there(void *context, uint32_t node)
+{
+	const struct answers *answers = context;
+
+	(void)node;
+	return answers->payload;
+}
+
+/* Boxes are halved only after they were wrong, and not for ever; what is hidden costs no test. */
+static void only_a_node_that_deceived_is_known_better(void **state)
+{
+	const struct conservative_box whole = whole_box(0);
+	struct answers answers = { .shows = true };
+	const struct conservative_tester tester = { .test = answer,
+						    .payload = payload_there,
+						    .context = &answers };
+	const size_t counts_most[] = { 16, 16, 64, 256, 256 };
+	struct tight_boxes *tight;
+	size_t count_was = 0;
+	size_t count;
+	bool shows = true;
+	void *payload;
+
+	(void)state;
+	make_room(1);
+	payload = make_payload();
+	assert_int_equal(tight_boxes_create(1, &tight), 0);
+	/* Nothing is known, and the payload is not there. */
+	assert_int_equal(tight_boxes_test(tight, &tester, &whole, 1, &shows, &count), 0);
+	assert_true(shows && count == 0);
+	answers.payload = payload;
+	for (int i = 0; i < 5; i++) {
+		assert_int_equal(tight_boxes_test(tight, &tester, &whole, 1, &shows, &count), 0);
+		assert_true(shows);
+		assert_in_range(count, 1, counts_most[i]);
+		assert_true(i == 0 || (counts_most[i] == counts_most[i - 1] ? count == count_was
+									    : count > count_was));
+		count_was = count;
+		if (i > 0)
+			tight_boxes_were_wrong(tight, 0);
+	}
+	answers.shows = false;
+	assert_int_equal(tight_boxes_test(tight, &tester, &whole, 1, &shows, &count), 0);
+	assert_false(shows);
+	answers.tested_count = 0;
+	assert_int_equal(tight_boxes_test(tight, &tester, &whole, 1, &shows, &count), 0);
+	assert_int_equal(answers.tested_count, 0);
 	tight_boxes_destroy(tight);
 	free(payload);
 }
@@ -175,6 +249,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(every_point_of_every_triangle_is_in_a_box),
 		cmocka_unit_test(a_node_that_is_mostly_air_has_small_boxes),
+		cmocka_unit_test(only_a_node_that_deceived_is_known_better),
 	};
 
 	return TEST_RUN(tests);
