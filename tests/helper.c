@@ -58,6 +58,13 @@ int test_descriptors_leaked(const struct test_descriptors *before)
 	return leaked;
 }
 
+uint64_t test_repeats(uint64_t usual)
+{
+	const char *text = getenv("OOCD_REPEATS");
+
+	return usual * (text ? strtoull(text, NULL, 10) : 1);
+}
+
 /* ---- files ---- */
 
 char *test_folder_make(void)

@@ -26,6 +26,12 @@ void test_descriptors_note(struct test_descriptors *ret);
 /** Names those that are open now and were not then.  Returns: how many. */
 int test_descriptors_leaked(const struct test_descriptors *before);
 
+/**
+ * How often to do what finds more the longer it goes on: `usual` times, in every run, and
+ * $OOCD_REPEATS times that where somebody has the time.
+ */
+uint64_t test_repeats(uint64_t usual);
+
 /** `return TEST_RUN(tests);` ends main(): runs all, and counts leaked descriptors as failures. */
 #define TEST_RUN(tests)                                                                            \
 	({                                                                                         \

@@ -6,6 +6,7 @@
 
 #include <cmocka.h>
 
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <poll.h>
@@ -102,6 +103,22 @@ int kit_daemon_stop(struct kit_daemon *daemon, int signal)
 	assert_int_equal(kill(daemon->pid, signal), 0);
 	assert_int_equal(waitpid(daemon->pid, &status, 0), daemon->pid);
 	return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
+}
+
+uint32_t kit_descriptor_count(pid_t pid)
+{
+	char path[64];
+	uint32_t count = 0;
+	DIR *folder;
+
+	(void)snprintf(path, sizeof(path), "/proc/%d/fd", (int)pid);
+	folder = opendir(path);
+	assert_non_null(folder);
+	while (readdir(folder))
+		count++;
+	(void)closedir(folder);
+	/* "." and ".." */
+	return count - 2;
 }
 
 /* ---- a client ---- */

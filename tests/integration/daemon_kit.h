@@ -43,6 +43,9 @@ void kit_daemon_start_prepared(const char *folder, const struct server_config *c
 /** Ends it by a signal and waits.  Returns: its exit status, or minus the signal that killed it. */
 int kit_daemon_stop(struct kit_daemon *daemon, int signal);
 
+/** Descriptors that a process has open. */
+uint32_t kit_descriptor_count(pid_t pid);
+
 /* ---- a client ---- */
 
 struct kit_store {

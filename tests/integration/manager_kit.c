@@ -148,6 +148,15 @@ struct manager *manager_create(const char *folder)
 	return manager;
 }
 
+/* What a daemon said is of no interest when the next one speaks, and thousands may come. */
+static void forget_what_was_said(struct manager *manager)
+{
+	(void)pthread_mutex_lock(&manager->mutex);
+	while (manager->said_count > 0)
+		free(manager->said[--manager->said_count]);
+	(void)pthread_mutex_unlock(&manager->mutex);
+}
+
 struct manager *manager_destroy(struct manager *manager)
 {
 	struct sockaddr_un address = { .sun_family = AF_UNIX };
@@ -161,8 +170,7 @@ struct manager *manager_destroy(struct manager *manager)
 	(void)pthread_join(manager->thread, NULL);
 	while (manager->kept_count > 0)
 		forget_at(manager, 0);
-	for (uint32_t i = 0; i < manager->said_count; i++)
-		free(manager->said[i]);
+	forget_what_was_said(manager);
 	(void)close(manager->listen_fd);
 	(void)close(manager->notify_fd);
 	(void)unlink(manager->socket_path);
@@ -211,16 +219,15 @@ static _Noreturn void exec_daemon(struct manager *manager, const char *const *op
 
 void manager_start(struct manager *manager, const char *const *options)
 {
-	uint32_t ready_count = manager_said(manager, "READY=1");
-
 	assert_int_equal(manager->pid, 0);
+	forget_what_was_said(manager);
 	(void)fflush(NULL);
 	/* The child sees the table as it is: nobody is there who could say anything. */
 	manager->pid = fork();
 	assert_true(manager->pid >= 0);
 	if (manager->pid == 0)
 		exec_daemon(manager, options);
-	manager_await(manager, "READY=1", ready_count + 1);
+	manager_await(manager, "READY=1", 1);
 }
 
 int manager_stop(struct manager *manager, int signal)

@@ -35,7 +35,7 @@ const char *manager_socket(const struct manager *manager);
 uint32_t manager_kept_count(struct manager *manager, const char *part);
 /** The n-th of them; it stays the manager's. */
 int manager_kept(struct manager *manager, const char *part, uint32_t n);
-/** How often something was said that has `part` in it. */
+/** How often the daemon that was started last has said something that has `part` in it. */
 uint32_t manager_said(struct manager *manager, const char *part);
 /** Waits until it was. */
 void manager_await(struct manager *manager, const char *part, uint32_t count);

@@ -29,6 +29,8 @@
 #include "tests/integration/daemon_kit.h"
 
 #define ENTRIES_MAX 1024u
+#define DEATHS      3u
+#define HELD_COUNT  1000u /* leaves of many_grid */
 
 struct fixture {
 	char *folder;
@@ -37,17 +39,19 @@ struct fixture {
 	struct kit_client *honest;
 };
 
+static const struct test_grid usual_grid = { .count = 12, .face_quads = 4 };
+static const struct test_grid many_grid = { .count = 20 };
+
 static struct wire_entry entries[ENTRIES_MAX];
 
-static int setup_with(void **state, struct server_config config)
+static int setup_with(void **state, struct server_config config, const struct test_grid *grid)
 {
-	const struct test_grid grid = { .count = 12, .face_quads = 4 };
 	struct fixture *fixture = calloc(1, sizeof(*fixture));
 
 	fixture->folder = test_folder_make();
 	(void)snprintf(fixture->store_path, sizeof(fixture->store_path), "%s/a.ooc",
 		       fixture->folder);
-	test_store_grid_make(fixture->store_path, &grid);
+	test_store_grid_make(fixture->store_path, grid);
 	kit_daemon_start(fixture->folder, &config, &fixture->daemon);
 	fixture->honest = kit_hello(&fixture->daemon);
 	*state = fixture;
@@ -56,7 +60,12 @@ static int setup_with(void **state, struct server_config config)
 
 static int setup(void **state)
 {
-	return setup_with(state, kit_config());
+	return setup_with(state, kit_config(), &usual_grid);
+}
+
+static int setup_many(void **state)
+{
+	return setup_with(state, kit_config(), &many_grid);
 }
 
 static int setup_failing_disk(void **state)
@@ -65,7 +74,7 @@ static int setup_failing_disk(void **state)
 
 	config.fetch_kind = FETCH_SIM;
 	config.sim = (struct fetch_sim){ .seed = 8, .error_permille = 50, .corrupt_permille = 50 };
-	return setup_with(state, config);
+	return setup_with(state, config, &usual_grid);
 }
 
 static int teardown(void **state)
@@ -95,8 +104,24 @@ static void check_honest(struct fixture *fixture, uint32_t first)
 
 /* ---- death ---- */
 
-/* A client in another process that holds fifty nodes and then waits to be killed. */
-static pid_t start_holder(const struct fixture *fixture, bool with_child)
+/* A child inherits the socket, and would hide the hang-up for as long as it lives. */
+static void fork_keeper(int until_fd)
+{
+	char byte;
+
+	if (fork() > 0)
+		return;
+	(void)prctl(PR_SET_PDEATHSIG, 0);
+	(void)!read(until_fd, &byte, 1);
+	_exit(0);
+}
+
+/*
+ * A client in another process that holds HELD_COUNT nodes and then waits to be killed.
+ *
+ * child_until:  NULL, or it has a child that keeps the socket until the test closes this pipe.
+ */
+static pid_t start_holder(const struct fixture *fixture, const int *child_until)
 {
 	int ready[2];
 	char byte;
@@ -109,17 +134,14 @@ static pid_t start_holder(const struct fixture *fixture, bool with_child)
 	if (pid == 0) {
 		struct kit_client *client = kit_hello(&fixture->daemon);
 		struct kit_store *store = kit_open(client, 0, fixture->store_path);
-		uint32_t count = kit_entries(store, 0, 0, 50, entries);
+		uint32_t count = kit_entries(store, 0, 0, HELD_COUNT, entries);
 
 		(void)prctl(PR_SET_PDEATHSIG, SIGKILL);
 		kit_set(client, entries, count, WIRE_SET_RETIRE);
 		kit_settle(client);
-		/* The child inherits the socket, and would hide the hang-up for as long as it lives. */
-		if (with_child && fork() == 0) {
-			(void)prctl(PR_SET_PDEATHSIG, 0);
-			(void)close(ready[1]);
-			(void)poll(NULL, 0, KIT_TIMEOUT_MS);
-			_exit(0);
+		if (child_until) {
+			(void)close(child_until[1]);
+			fork_keeper(child_until[0]);
 		}
 		(void)!write(ready[1], "r", 1);
 		for (;;)
@@ -131,30 +153,46 @@ static pid_t start_holder(const struct fixture *fixture, bool with_child)
 	return pid;
 }
 
-static void check_killed_holder(struct fixture *fixture, bool with_child)
+/* Kills a holder and waits until what it had is given back.  Its child lives that long. */
+static void kill_holder(struct fixture *fixture, bool with_child)
 {
+	int until[2];
+	pid_t holder;
 	int status;
 
-	for (uint32_t i = 0; i < 3; i++) {
-		pid_t holder = start_holder(fixture, with_child);
+	assert_int_equal(pipe2(until, O_CLOEXEC), 0);
+	holder = start_holder(fixture, with_child ? until : NULL);
+	assert_true(kit_status_number(fixture->honest, "held_and_busy_bytes") >=
+		    (uint64_t)HELD_COUNT * WIRE_PAGE_BYTES);
+	assert_int_equal(kill(holder, SIGKILL), 0);
+	assert_int_equal(waitpid(holder, &status, 0), holder);
+	kit_await_number(fixture->honest, "held_and_busy_bytes", 0);
+	/* The honest one is the only client left. */
+	kit_await_number(fixture->honest, "sessions", 1);
+	(void)close(until[0]);
+	(void)close(until[1]);
+}
 
-		assert_true(kit_status_number(fixture->honest, "held_bytes") > 0);
-		assert_int_equal(kill(holder, SIGKILL), 0);
-		assert_int_equal(waitpid(holder, &status, 0), holder);
-		kit_await_number(fixture->honest, "held_bytes", 0);
-		/* The honest one is the only client left. */
-		assert_int_equal(kit_status_number(fixture->honest, "held_nodes"), 0);
-	}
+static void check_killed_holders(struct fixture *fixture, bool with_child)
+{
+	uint32_t descriptor_count;
+
+	/* What the first has brought about stays: the store is kept open. */
+	kill_holder(fixture, with_child);
+	descriptor_count = kit_descriptor_count(fixture->daemon.pid);
+	for (uint64_t i = 0; i < test_repeats(DEATHS); i++)
+		kill_holder(fixture, with_child);
+	assert_int_equal(kit_descriptor_count(fixture->daemon.pid), descriptor_count);
 }
 
 static void a_killed_client_gives_its_holds_back(void **state)
 {
-	check_killed_holder(*state, false);
+	check_killed_holders(*state, false);
 }
 
 static void a_killed_client_gives_its_holds_back_though_its_child_keeps_the_socket(void **state)
 {
-	check_killed_holder(*state, true);
+	check_killed_holders(*state, true);
 }
 
 /* ---- the protocol ---- */
@@ -485,8 +523,11 @@ int main(void)
 {
 #define FAULT_TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
 	const struct CMUnitTest tests[] = {
-		FAULT_TEST(a_killed_client_gives_its_holds_back),
-		FAULT_TEST(a_killed_client_gives_its_holds_back_though_its_child_keeps_the_socket),
+		cmocka_unit_test_setup_teardown(a_killed_client_gives_its_holds_back, setup_many,
+						teardown),
+		cmocka_unit_test_setup_teardown(
+			a_killed_client_gives_its_holds_back_though_its_child_keeps_the_socket,
+			setup_many, teardown),
 		FAULT_TEST(another_version_is_told_so),
 		FAULT_TEST(a_client_that_breaks_the_protocol_is_dropped_alone),
 		FAULT_TEST(bytes_at_random_are_refused),

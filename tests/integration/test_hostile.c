@@ -12,7 +12,6 @@
 
 #include <cmocka.h>
 
-#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <grp.h>
@@ -88,21 +87,6 @@ static void check_honest(struct fixture *fixture, uint32_t first)
 	kit_set(fixture->honest, entries, count, WIRE_SET_RETIRE);
 	kit_settle(fixture->honest);
 	assert_int_equal(kit_count_drawable(store), 20);
-}
-
-static uint32_t descriptors_of(pid_t pid)
-{
-	char path[64];
-	uint32_t count = 0;
-	DIR *folder;
-
-	(void)snprintf(path, sizeof(path), "/proc/%d/fd", (int)pid);
-	folder = opendir(path);
-	assert_non_null(folder);
-	while (readdir(folder))
-		count++;
-	(void)closedir(folder);
-	return count;
 }
 
 /* ---- a live socket ---- */
@@ -189,7 +173,7 @@ static void messages_at_random_with_descriptors_crash_nothing_and_leak_nothing(v
 
 	print_message("seed %u\n", seed);
 	check_honest(fixture, 0);
-	before = descriptors_of(fixture->daemon.pid);
+	before = kit_descriptor_count(fixture->daemon.pid);
 	for (uint32_t i = 0; i < FUZZ_MESSAGES; i++) {
 		_Alignas(8) uint8_t bytes[2048];
 		size_t length = make_message(&seed, bytes);
@@ -211,7 +195,7 @@ static void messages_at_random_with_descriptors_crash_nothing_and_leak_nothing(v
 	print_message("%u connections\n", connection_count);
 	check_honest(fixture, 0);
 	kit_await_number(fixture->honest, "sessions", 1);
-	assert_int_equal(descriptors_of(fixture->daemon.pid), before);
+	assert_int_equal(kit_descriptor_count(fixture->daemon.pid), before);
 }
 
 /* ---- another user ---- */

@@ -33,6 +33,10 @@
 #define GRID_COUNT 16u /* 512 leaves */
 #define LEAVES_MAX 512u
 #define CRASHES    8u
+/* Longer than a set of a quarter of a store takes. */
+#define MOMENT_US 20000u
+/* Of a segment, from its beginning: where something is most of the time. */
+#define SPOILED_PAGES 4u
 
 #define MANY_CLIENTS 64u
 
@@ -189,15 +193,16 @@ static void a_trace_says_what_was_taken_over(void **state)
 	assert_int_equal(count_events(trace, TRACE_HIT) + count_events(trace, TRACE_MISS), count);
 }
 
-/* One byte of each of the first payloads of each segment that is kept. */
-static uint32_t spoil(struct manager *manager)
+/* A byte of the payload that begins on a page, if one does, of each segment that is kept. */
+static uint32_t spoil(struct manager *manager, uint32_t page)
 {
 	uint32_t count = manager_kept_count(manager, "-segment-");
 
 	assert_true(count > 0);
 	for (uint32_t i = 0; i < count; i++) {
 		int fd = manager_kept(manager, "-segment-", i);
-		uint8_t *base = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
+		uint8_t *base = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED, fd,
+				     (off_t)page * 4096);
 
 		assert_ptr_not_equal(base, MAP_FAILED);
 		base[40] ^= 1;
@@ -216,7 +221,7 @@ static void check_reads_again(struct scene *scene, const char *path)
 	client = client_of(scene, path, &count);
 	kit_disconnect(client);
 	(void)manager_stop(scene->manager, SIGKILL);
-	spoiled = spoil(scene->manager);
+	spoiled = spoil(scene->manager, 0);
 
 	manager_start(scene->manager, usual);
 	client = client_of(scene, path, &count);
@@ -485,39 +490,73 @@ static void a_client_that_runs_draws_across_the_restart(void **state)
 
 /* ---- at any moment ---- */
 
-/* Killed while it reads, decodes, evicts and takes over: whatever is drawable is whole. */
+/* Says sets one after the other; kills the daemon at some moment of the last. */
+static uint32_t draw_and_kill(struct scene *scene, struct kit_client *client,
+			      const struct kit_store *store, unsigned *seed)
+{
+	static struct wire_entry entries[LEAVES_MAX];
+	uint32_t count = kit_entries(store, 0, 0, LEAVES_MAX, entries);
+	uint32_t drawable_count = 0;
+
+	for (uint32_t parts = (uint32_t)rand_r(seed) % 4;; parts--) {
+		uint32_t first = count / 4 * ((uint32_t)rand_r(seed) % 4);
+
+		kit_set(client, entries + first, count / 4, WIRE_SET_RETIRE);
+		if (parts == 0)
+			break;
+		/* And not a node is busy for ever, whatever was in flight when the one before died. */
+		kit_settle(client);
+		drawable_count += kit_count_drawable(store);
+	}
+	/* The moment is at random, and no event. */
+	(void)usleep((useconds_t)rand_r(seed) % MOMENT_US);
+	drawable_count += kit_count_drawable(store);
+	assert_int_equal(manager_stop(scene->manager, SIGKILL), -SIGKILL);
+	return drawable_count;
+}
+
+/*
+ * Killed while it reads, decodes, evicts and takes over: whatever is drawable is whole, although
+ * bytes that the next one takes over are changed between two lives.
+ */
 static void killed_at_any_moment_it_comes_back_whole(void **state)
 {
 	struct scene *scene = *state;
+	const char *stores[] = { scene->plain, scene->coded };
 	uint32_t drawable_count = 0;
+	uint64_t reread_count = 0;
+	unsigned seed = 1;
+	size_t byte_counts[2];
+	void *bytes[2];
 
-	for (uint32_t i = 0; i < CRASHES; i++) {
-		static struct wire_entry entries[LEAVES_MAX];
+	for (uint32_t i = 0; i < 2; i++)
+		bytes[i] = test_file_read(stores[i], &byte_counts[i]);
+	for (uint64_t i = 0; i < test_repeats(CRASHES); i++) {
 		struct kit_client *client;
-		const struct kit_store *store;
-		uint32_t count;
 
 		start_with_grace(scene, "8M", "0");
 		client = kit_hello(&scene->daemon);
-		/* Now and then there is room at once, else what was kept is in the way for a moment. */
-		if (i % 4 == 3)
+		/* Now and then all is taken over, else what was kept is in the way for a moment. */
+		if (i % 4 == 3) {
 			kit_await_number(client, "takeover_graces", 0);
-		store = kit_open(client, 0, i % 2 ? scene->plain : scene->coded);
-		count = kit_entries(store, 0, 0, LEAVES_MAX, entries);
-		for (uint32_t part = 0; part < 4; part++) {
-			uint32_t first = count / 4 * ((part + i) % 4);
-
-			kit_set(client, entries + first, count / 4, WIRE_SET_RETIRE);
-			if (part + 1 < 4) {
-				kit_settle(client);
-				drawable_count += kit_count_drawable(store);
-			}
+			reread_count += kit_status_number(client, "takeover_reread");
 		}
-		/* The last set is on its way. */
-		assert_int_equal(manager_stop(scene->manager, SIGKILL), -SIGKILL);
+		drawable_count += draw_and_kill(
+			scene, client, kit_open(client, 0, stores[rand_r(&seed) % 2]), &seed);
 		kit_disconnect(client);
+		(void)spoil(scene->manager, (uint32_t)rand_r(&seed) % SPOILED_PAGES);
 	}
 	assert_true(drawable_count > 0);
+	assert_true(reread_count > 0);
+	for (uint32_t i = 0; i < 2; i++) {
+		size_t byte_count;
+		void *now = test_file_read(stores[i], &byte_count);
+
+		assert_int_equal(byte_count, byte_counts[i]);
+		assert_memory_equal(now, bytes[i], byte_count);
+		free(now);
+		free(bytes[i]);
+	}
 }
 
 /* ---- the manager's other side ---- */

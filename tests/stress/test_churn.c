@@ -4,7 +4,7 @@
  * pieces, while a twentieth of the cache is free (and in some segment as much as the payload has, which
  * for one of up to a twentieth of a segment is the same); and the books are right all the while.
  * Method: the daemon's cache and sets without disk and sockets: reads are done at once, and clients
- * that are asked to let go do.  So hours of changing sets take seconds.  OOCD_CHURN_STEPS=N: more.
+ * that are asked to let go do.  So hours of changing sets take seconds.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -269,18 +269,13 @@ static void step(struct fixture *fixture)
 	say(visible, nodes, count);
 }
 
-static uint32_t step_count(void)
-{
-	const char *text = getenv("OOCD_CHURN_STEPS");
-
-	return text ? (uint32_t)strtoul(text, NULL, 10) : STEPS_USUAL;
-}
-
 /* share: of the cache that all sets together want, at most. */
 static void churn(struct fixture *fixture, double share)
 {
+	uint32_t step_count = (uint32_t)test_repeats(STEPS_USUAL);
+
 	fixture->wanted_pages = (uint64_t)(share * BUDGET_PAGES / SESSION_COUNT);
-	for (uint32_t i = 0; i < step_count(); i++) {
+	for (uint32_t i = 0; i < step_count; i++) {
 		step(fixture);
 		settle(fixture);
 		if (i % 64 == 0) {
@@ -298,7 +293,7 @@ static void churn(struct fixture *fixture, double share)
 	}
 	print_message("%.0f %% wanted: %llu segments drained in %u steps, %.2f pages read for each "
 		      "that was asked for, fragmentation %.2f\n",
-		      100 * share, (unsigned long long)fixture->cache.drain_count, step_count(),
+		      100 * share, (unsigned long long)fixture->cache.drain_count, step_count,
 		      (double)fixture->read_pages / (double)fixture->asked_pages,
 		      arena_fragmentation(&fixture->served.arena));
 	assert_int_equal(fixture->refused, 0);

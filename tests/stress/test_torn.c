@@ -4,11 +4,11 @@
  * refills as fast as it can.
  * Method: a cache that holds a fraction of the store; clients in processes of their own take random
  * sets and check every drawable payload's checksum again and again, also between sending a set and
- * its answer.  The rule of drawing is the protocol's: the newest set that has the node since it was
- * last without is acknowledged, the grant bit is set, the word says READY.
+ * its answer.  Most read from a set many times over; one is never content and says its next set as
+ * soon as it has one, so that evictions never stop.  The rule of drawing is the protocol's: the newest
+ * set that has the node since it was last without is acknowledged, the grant bit is set, the word says
+ * READY.
  * And that the test bites: a reader that breaks the rule sees wrong bytes.
- *
- * OOCD_STRESS_SECONDS makes it longer than a moment.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -28,14 +28,19 @@
 #include <unistd.h>
 
 #include "formats/base/bytes.h"
-#include "formats/base/clock.h"
 #include "formats/store/store_checksum.h"
 #include "tests/helper.h"
 #include "tests/integration/daemon_kit.h"
 
-#define READER_COUNT 3u
+#define READER_COUNT 4u /* the first never content */
 #define SET_NODES    24u
 #define NODES_MAX    2048u
+/* How much is enough, of all readers together. */
+#define READS  100000u
+#define SETS   200u
+#define ROUNDS 32u
+/* One read in so many is of a reader that loses the processor between its look and its draw. */
+#define YIELDS 64u
 
 struct tally {
 	_Atomic uint64_t reads;
@@ -48,6 +53,7 @@ struct reader {
 	struct kit_store *store;
 	struct tally *tally;
 	bool keeps_the_rule;
+	uint32_t rounds; /* of reading of a set, about */
 	uint64_t since
 		[NODES_MAX]; /* serial of the set since which every set has the node; 0: none */
 	struct wire_entry entries[SET_NODES];
@@ -55,17 +61,11 @@ struct reader {
 	uint32_t payload_count;
 };
 
-static uint64_t stress_ns(void)
-{
-	const char *seconds = getenv("OOCD_STRESS_SECONDS");
-
-	return seconds ? strtoull(seconds, NULL, 10) * NS_PER_S : 1500 * NS_PER_MS;
-}
-
-/* On a busy machine little happens in a moment: then it lasts until something has. */
+/* Who breaks the rule goes on until it is caught, and no longer. */
 static bool is_enough(const struct tally *tally, bool keeps_the_rule)
 {
-	return tally->reads > 1000 && tally->sets > 100 && (keeps_the_rule || tally->torn > 0);
+	return keeps_the_rule ? tally->reads >= test_repeats(READS) && tally->sets >= SETS
+			      : tally->torn > 0;
 }
 
 /* A run of neighbours, so that sets overlap, chosen anew each time. */
@@ -97,7 +97,7 @@ static void take_what_came(struct reader *reader)
 		kit_receive_any(reader->client);
 }
 
-static void read_node(struct reader *reader, uint32_t node)
+static void read_node(struct reader *reader, uint32_t node, unsigned *seed)
 {
 	const struct wire_session_page *page = reader->client->page;
 	const struct store_node *record = &reader->store->nodes[node];
@@ -112,42 +112,45 @@ static void read_node(struct reader *reader, uint32_t node)
 	if (!payload)
 		return;
 	atomic_fetch_add_explicit(&reader->tally->reads, 1, memory_order_relaxed);
-	/* As a viewer that is about to draw and loses the processor: time to take the node away. */
-	(void)sched_yield();
+	if (rand_r(seed) % YIELDS == 0)
+		(void)sched_yield();
 	if (store_checksum(payload, record->stored_bytes, record->payload_id) !=
 	    record->payload_checksum)
 		atomic_fetch_add_explicit(&reader->tally->torn, 1, memory_order_relaxed);
 }
 
 static _Noreturn void reader_main(const struct kit_daemon *daemon, const char *path,
-				  struct tally *tally, bool keeps_the_rule, unsigned seed)
+				  struct tally *tally, bool keeps_the_rule, uint32_t number)
 {
 	struct reader *reader = calloc(1, sizeof(*reader));
-	uint64_t end_ns = clock_now_ns() + stress_ns();
 	const struct wire_session_page *page;
+	unsigned seed = number + 1;
 
 	reader->client = kit_hello(daemon);
 	page = reader->client->page;
 	reader->store = kit_open(reader->client, 0, path);
 	reader->tally = tally;
 	reader->keeps_the_rule = keeps_the_rule;
+	reader->rounds = number == 0 ? 1 : ROUNDS;
 	for (uint32_t i = 0; i < reader->store->node_count; i++)
 		if (reader->store->nodes[i].payload_id > 0)
 			reader->payloads[reader->payload_count++] = i;
-	while (clock_now_ns() < end_ns || !is_enough(tally, keeps_the_rule)) {
+	while (!is_enough(tally, keeps_the_rule)) {
 		uint64_t serial = reader->client->serial;
 
 		take_what_came(reader);
 		/* Mostly a set is seen whole before the next; now and then it is not even answered. */
-		if (rand_r(&seed) % 64 == 0 ||
-		    atomic_load_explicit(rand_r(&seed) % 16 ? &page->settled : &page->acknowledged,
-					 memory_order_acquire) == serial)
+		if (serial == 0 || rand_r(&seed) % (64 * reader->rounds) == 0 ||
+		    (rand_r(&seed) % reader->rounds == 0 &&
+		     atomic_load_explicit(rand_r(&seed) % 16 ? &page->settled : &page->acknowledged,
+					  memory_order_acquire) == serial))
 			next_set(reader, &seed);
 		for (uint32_t i = 0; i < SET_NODES; i++)
-			read_node(reader, keeps_the_rule
-						  ? reader->entries[i].node
-						  : reader->payloads[(uint32_t)rand_r(&seed) %
-								     reader->payload_count]);
+			read_node(reader,
+				  keeps_the_rule ? reader->entries[i].node
+						 : reader->payloads[(uint32_t)rand_r(&seed) %
+								    reader->payload_count],
+				  &seed);
 	}
 	kit_disconnect(reader->client);
 	free(reader);
@@ -171,7 +174,7 @@ static void run_readers(const char *folder, bool keep_the_rule, struct tally *ta
 		readers[i] = fork();
 		assert_true(readers[i] >= 0);
 		if (readers[i] == 0)
-			reader_main(&daemon, path, tally, keep_the_rule, i + 1);
+			reader_main(&daemon, path, tally, keep_the_rule, i);
 	}
 	for (uint32_t i = 0; i < READER_COUNT; i++) {
 		int status;
