@@ -13,15 +13,19 @@
 #include <errno.h>
 #include <poll.h>
 #include <signal.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "formats/base/bytes.h"
 #include "formats/base/file.h"
 #include "formats/store/payload.h"
 #include "formats/store/store_file.h"
@@ -31,11 +35,11 @@
 #define GRID_COUNT  16u /* 512 leaves */
 #define LEAF_COUNT  512u
 #define RACER_COUNT 8
-#ifdef OOCD_SANITIZED
-#define STRESS_FRAMES 300
-#else
-#define STRESS_FRAMES 1200
-#endif
+/* Clients that draw while the daemon lives and dies, and how much all of them do. */
+#define CROWD_COUNT     8u
+#define CROWD_COUNT_MAX 64u
+#define CROWD_LIVES     4u
+#define CROWD_READS     20000u
 
 /* What is on disk, read without the daemon. */
 struct truth {
@@ -375,6 +379,13 @@ static void more_than_fits_is_refused_with_a_reason_and_drawn_in_portions(void *
 
 /* ---- a crowd in a tiny cache ---- */
 
+/* What the processes of a crowd and the test know of each other, in memory that they share. */
+struct crowd {
+	_Atomic uint64_t reads;
+	uint32_t client_count;
+	_Atomic uint32_t lives[CROWD_COUNT_MAX]; /* of the daemon, that a client has drawn in */
+};
+
 /* In a child process: cmocka's checks would go on with the next test there. */
 static void child_check(bool holds, const char *what)
 {
@@ -384,70 +395,102 @@ static void child_check(bool holds, const char *what)
 	_exit(1);
 }
 
-/* Draws leaves at random; every byte is compared.  Ends with the process. */
-static _Noreturn void draw_at_random(const struct scene *scene, uint32_t seed, int ready_fd)
+/* Compares all that is drawable, and counts it. */
+static uint32_t draw(const struct truth *truth, const struct ooc_store *store, struct crowd *crowd)
 {
-	const struct truth *truth = &scene->truth;
+	uint32_t drawn = 0;
+
+	for (uint32_t i = 0; i < truth->leaf_count; i++) {
+		const void *payload = ooc_map(store, truth->leaves[i]);
+
+		if (!payload)
+			continue;
+		child_check(memcmp(payload, truth->payloads[i], truth->bytes[i]) == 0,
+			    "a payload has wrong bytes");
+		drawn++;
+	}
+	atomic_fetch_add(&crowd->reads, drawn);
+	return drawn;
+}
+
+/* Draws leaves at random, until it has in all lives of the daemon.  Ends with the process. */
+static _Noreturn void draw_at_random(const struct scene *scene, struct crowd *crowd,
+				     uint32_t number)
+{
+	const uint64_t reads = test_repeats(CROWD_READS);
 	struct ooc_client *client;
 	struct ooc_store *store;
-	uint64_t drawn = 0;
-	uint32_t random = seed;
+	uint32_t random = number + 1;
 
+	/* A test that fails leaves no crowd behind. */
+	(void)prctl(PR_SET_PDEATHSIG, SIGKILL);
 	while (ooc_connect(scene->socket_path, "crowd", &client) < 0)
 		wait_a_moment();
-	child_check(ooc_open(client, scene->store_path, &store) == 0, "the store does not open");
-	child_check(write(ready_fd, "!", 1) == 1, "nobody waits for it");
-	for (int frame = 0; frame < STRESS_FRAMES || drawn == 0; frame++) {
+	while (ooc_open(client, scene->store_path, &store) < 0)
+		wait_a_moment();
+	while (atomic_load(&crowd->lives[number]) < CROWD_LIVES ||
+	       atomic_load(&crowd->reads) < reads) {
+		struct ooc_counters counters;
+		bool is_settled;
+
 		random = random * 1664525u + 1013904223u;
 		(void)want_leaves(scene, client, store, random >> 8, 1 + (random >> 4) % 3,
-				  10 + random % 30);
+				  2 + random % 30);
 		(void)ooc_dispatch(client);
-		if (frame % 4 == 0)
-			(void)ooc_wait(client, 50);
-		for (uint32_t i = 0; i < truth->leaf_count; i++) {
-			const void *payload = ooc_map(store, truth->leaves[i]);
-
-			if (!payload)
-				continue;
-			child_check(memcmp(payload, truth->payloads[i], truth->bytes[i]) == 0,
-				    "a payload has wrong bytes");
-			drawn++;
-		}
+		(void)draw(&scene->truth, store, crowd);
+		is_settled = ooc_wait(client, 1000) == 0;
+		ooc_counters(client, &counters);
+		/* What is drawn of a set that is settled is held in the life that settled it. */
+		if (draw(&scene->truth, store, crowd) > 0 && is_settled)
+			atomic_store(&crowd->lives[number], (uint32_t)counters.reconnects + 1);
 	}
 	ooc_disconnect(client);
 	_exit(0);
 }
 
-static void many_clients_in_a_tiny_cache_never_see_a_wrong_byte(void **state)
+/* Waits until every client has drawn in so many lives of the daemon. */
+static void await_life(const struct crowd *crowd, const pid_t *clients, uint32_t life)
+{
+	for (uint32_t i = 0; i < crowd->client_count; i++)
+		while (atomic_load(&crowd->lives[i]) < life) {
+			int status;
+
+			if (waitpid(clients[i], &status, WNOHANG) != 0)
+				fail_msg("client %u ended with status %#x", i, (unsigned)status);
+			wait_a_moment();
+		}
+}
+
+static void a_crowd_in_a_tiny_cache_never_sees_a_wrong_byte_and_comes_back(void **state)
 {
 	struct scene *scene = *state;
-	pid_t clients[3];
-	int ready_fds[2];
-	char byte;
+	struct crowd *crowd = mmap(NULL, sizeof(*crowd), PROT_READ | PROT_WRITE,
+				   MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+	pid_t clients[CROWD_COUNT_MAX];
 	int status;
 
+	assert_ptr_not_equal(crowd, MAP_FAILED);
+	crowd->client_count = (uint32_t)u64_min(test_repeats(CROWD_COUNT), CROWD_COUNT_MAX);
 	start_daemon(scene, "1M");
-	assert_int_equal(pipe(ready_fds), 0);
-	for (uint32_t i = 0; i < 3; i++) {
+	(void)fflush(NULL);
+	for (uint32_t i = 0; i < crowd->client_count; i++) {
 		clients[i] = fork();
 		assert_true(clients[i] >= 0);
 		if (clients[i] == 0)
-			draw_at_random(scene, i + 1, ready_fds[1]);
+			draw_at_random(scene, crowd, i);
 	}
-	for (int i = 0; i < 3; i++)
-		assert_int_equal(read(ready_fds[0], &byte, 1), 1);
-	for (int i = 0; i < 3; i++) {
-		(void)poll(NULL, 0, 100);
+	for (uint32_t life = 1; life < CROWD_LIVES; life++) {
+		await_life(crowd, clients, life);
 		kill_daemon(scene);
 		start_daemon(scene, "1M");
 	}
-	for (int i = 0; i < 3; i++) {
+	for (uint32_t i = 0; i < crowd->client_count; i++) {
 		assert_int_equal(waitpid(clients[i], &status, 0), clients[i]);
-		assert_true(WIFEXITED(status));
-		assert_int_equal(WEXITSTATUS(status), 0);
+		if (status != 0)
+			fail_msg("client %u ended with status %#x", i, (unsigned)status);
 	}
-	(void)close(ready_fds[0]);
-	(void)close(ready_fds[1]);
+	print_message("%llu payloads compared\n", (unsigned long long)crowd->reads);
+	(void)munmap(crowd, sizeof(*crowd));
 }
 
 /* ---- a daemon of one's own ---- */
@@ -629,7 +672,7 @@ int main(void)
 		SCENE_TEST(a_prefetched_node_is_there_when_it_is_wanted),
 		SCENE_TEST(a_killed_daemon_that_comes_back_is_found_and_holds_again),
 		SCENE_TEST(more_than_fits_is_refused_with_a_reason_and_drawn_in_portions),
-		SCENE_TEST(many_clients_in_a_tiny_cache_never_see_a_wrong_byte),
+		SCENE_TEST(a_crowd_in_a_tiny_cache_never_sees_a_wrong_byte_and_comes_back),
 		OWN_TEST(eight_programs_that_find_no_daemon_end_with_one),
 		OWN_TEST(a_daemon_of_ones_own_that_dies_is_started_again),
 		OWN_TEST(the_runtime_folder_is_where_a_daemon_is_started),
