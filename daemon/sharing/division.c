@@ -6,7 +6,7 @@
 #include "formats/base/bytes.h"
 #include "formats/base/check.h"
 
-/* Charges are in parts of a page, for payloads that several pay for. */
+/* Shares and charges are in parts of a page, so that the share of one among many is something. */
 #define PAGE_PARTS 256u
 /* Steps in which a walk comes to its share. */
 #define SHARE_STEPS 16u
@@ -91,28 +91,28 @@ static void set_shares(struct room *room)
 
 /* ---- the walk ---- */
 
-static uint64_t charge_of(const struct visible *visible, const struct want *want)
+/* What the want takes of the room: nothing, if a walk has come to its node before. */
+static uint32_t new_pages_of(const struct division *division, const struct visible *visible,
+			     const struct want *want)
 {
-	return (uint64_t)visible_pages_of(visible, want) * PAGE_PARTS /
-	       visible_node_of(visible, want)->want_count;
+	const struct node *node = visible_node_of(visible, want);
+
+	/* What is pinned is in the cache anyhow: room_pages() goes without it. */
+	return node->plan == division->room->plan || node->residence != RESIDENCE_NONE
+		       ? 0
+		       : visible_pages_of(visible, want);
 }
 
 /* Returns: false when it does not fit. */
 static bool plan_one(struct division *division, struct visible *visible, const struct want *want)
 {
-	struct node *node = visible_node_of(visible, want);
-	uint32_t pages = visible_pages_of(visible, want);
+	uint32_t pages = new_pages_of(division, visible, want);
 
-	/* What is pinned is in the cache anyhow: room_pages() goes without it. */
-	if (node->residence != RESIDENCE_NONE)
-		node->plan = division->room->plan;
-	if (node->plan != division->room->plan) {
-		if (pages > division->left_pages)
-			return false;
-		division->left_pages -= pages;
-		node->plan = division->room->plan;
-	}
-	visible->claim_charge += charge_of(visible, want);
+	if (pages > division->left_pages)
+		return false;
+	division->left_pages -= pages;
+	visible->claim_charge += (uint64_t)pages * PAGE_PARTS;
+	visible_node_of(visible, want)->plan = division->room->plan;
 	return true;
 }
 
@@ -137,7 +137,9 @@ static bool walk(struct division *division, struct visible *visible, uint64_t ch
 		if (visible_node_of(visible, want)->state == NODE_DAMAGED ||
 		    (want->state == WANT_REFUSED && !visible_is_for_room(want->reason)))
 			continue;
-		if (visible->claim_charge + charge_of(visible, want) > charge)
+		if (visible->claim_charge +
+			    (uint64_t)new_pages_of(division, visible, want) * PAGE_PARTS >
+		    charge)
 			return true;
 		if (!plan_one(division, visible, want))
 			return false;

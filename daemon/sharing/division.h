@@ -9,8 +9,9 @@
  * node does not fit.  So every set has its most important nodes at least up to its share (but for
  * what one payload is too long), and what some do not claim goes to those who want more, by weight.
  *
- * A payload that several sets want is in the cache once and takes its room once; each of them is
- * charged its part of it as its walk comes by.  Who does not come so far has it for nothing.
+ * A payload that several sets want is in the cache once and takes its room once, and is charged to the
+ * one whose walk comes to it first; the others have it for nothing, and go on with what that saves them.
+ * So what is charged is what is taken, and nobody's sets take more by naming what his other sets name.
  *
  * The plan is a function of the sets, the weights and the budget alone, not of what happens to be in
  * memory.  So it is the same for as long as no set changes: nothing can push back what pushed it out,

@@ -621,12 +621,31 @@ static void what_several_want_takes_its_room_once(void **state)
 		assert_int_equal(drawn_from(fixture, i, 0), fit / 2);
 	assert_int_equal(drawn_from(fixture, 3, 400), fit / 3);
 	assert_int_equal(fixture->served->counters.fetches, fit / 2 + fit / 3);
-	/* Who pays for a third of each has room for more of its own. */
+	/* What the three share leaves room for more of another's own. */
 	take(fixture, 3, 400, fit, true);
 	settle_all(fixture);
 	for (uint32_t i = 0; i < 3; i++)
 		assert_int_equal(drawn_from(fixture, i, 0), fit / 2);
 	assert_share(fixture, drawn_from(fixture, 3, 400), 0.5);
+}
+
+/* Two sets of one user with the same nodes, the one from the front and the other from the back. */
+static void naming_what_ones_other_sets_name_takes_nothing_from_another_user(void **state)
+{
+	struct fixture *fixture = *state;
+	struct wire_entry entries[WANTS_MAX] = { 0 };
+	uint32_t fit = fixture->fit_count;
+
+	for (uint32_t i = 0; i < fit; i++)
+		entries[i] =
+			(struct wire_entry){ 0, fixture->nodes[fit - 1 - i], (float)(fit - i) };
+	assert_int_equal(visible_take(&fixture->visible[1], entries, fit,
+				      fixture->visible[1].serial + 1, true),
+			 0);
+	take(fixture, 0, 0, fit, true);
+	take(fixture, 2, 400, fit, true);
+	settle_all(fixture);
+	assert_share(fixture, drawn_from(fixture, 2, 400), 0.5);
 }
 
 static void a_hit_does_not_keep_out_what_matters_more(void **state)
@@ -806,6 +825,7 @@ int main(void)
 		VISIBLE_TEST(sessions_share_by_account_then_equally),
 		VISIBLE_TEST(what_nobody_claims_is_used_and_taken_back),
 		VISIBLE_TEST(what_several_want_takes_its_room_once),
+		VISIBLE_TEST(naming_what_ones_other_sets_name_takes_nothing_from_another_user),
 		VISIBLE_TEST(a_hit_does_not_keep_out_what_matters_more),
 		VISIBLE_TEST(what_has_settled_stays_settled),
 		VISIBLE_TEST(closing_a_store_gives_everything_back),
