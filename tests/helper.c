@@ -2,6 +2,7 @@
 #include <dirent.h>
 #include <errno.h>
 #include <ftw.h>
+#include <grp.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -176,6 +177,15 @@ void test_file_write(const char *path, const void *data, size_t size_bytes)
 
 	if (!file || fwrite(data, 1, size_bytes, file) != size_bytes || fclose(file) != 0)
 		fail_msg("%s: cannot be written", path);
+}
+
+/* ---- users ---- */
+
+bool test_become_other_user(void)
+{
+	return setgroups(0, NULL) == 0 &&
+	       setresgid(TEST_OTHER_UID, TEST_OTHER_UID, TEST_OTHER_UID) == 0 &&
+	       setresuid(TEST_OTHER_UID, TEST_OTHER_UID, TEST_OTHER_UID) == 0;
 }
 
 /* ---- programs ---- */

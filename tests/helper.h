@@ -62,6 +62,18 @@ const char *test_folder_list(const char *folder);
 void *test_file_read(const char *path, size_t *ret_bytes);
 void test_file_write(const char *path, const void *data, size_t size_bytes);
 
+/* ---- users ---- */
+
+/** A user that nobody is.  Only root can become one. */
+#define TEST_OTHER_UID 65533u
+
+/**
+ * Goes on as a user that nobody is, in a child process, for the rest of it: with none of root's groups.
+ *
+ * Returns: false where this process may not; then it is who it was.
+ */
+bool test_become_other_user(void);
+
 /* ---- programs ---- */
 
 /**

@@ -32,9 +32,10 @@
 #include "libclient/ooc/client.h"
 #include "tests/helper.h"
 
-#define GRID_COUNT  16u /* 512 leaves */
-#define LEAF_COUNT  512u
-#define RACER_COUNT 8
+#define GRID_COUNT      16u /* 512 leaves */
+#define LEAF_COUNT      512u
+#define RACER_COUNT     8
+#define NEWCOMER_LEAVES 12u /* of some fifty that fit into the tiny cache */
 /* Clients that draw while the daemon lives and dies, and how much all of them do. */
 #define CROWD_COUNT     8u
 #define CROWD_COUNT_MAX 64u
@@ -377,6 +378,94 @@ static void more_than_fits_is_refused_with_a_reason_and_drawn_in_portions(void *
 	ooc_disconnect(client);
 }
 
+/* ---- giving way ---- */
+
+/* As another user, where that may be: draws some leaves that nobody else wants.  Ends with 0 if it could. */
+static pid_t start_newcomer(const struct scene *scene)
+{
+	struct ooc_progress progress;
+	struct ooc_client *client;
+	struct ooc_store *store;
+	pid_t pid;
+
+	(void)fflush(NULL);
+	pid = fork();
+	assert_true(pid >= 0);
+	if (pid > 0)
+		return pid;
+	(void)test_become_other_user();
+	(void)prctl(PR_SET_PDEATHSIG, SIGKILL);
+	if (ooc_connect(scene->socket_path, "newcomer", &client) < 0 ||
+	    ooc_open(client, scene->store_path, &store) < 0)
+		_exit(1);
+	(void)want_leaves(scene, client, store, LEAF_COUNT / 2, 1, NEWCOMER_LEAVES);
+	if (ooc_wait(client, 30000) < 0)
+		_exit(2);
+	ooc_progress(client, &progress);
+	_exit(progress.complete ? 0 : 3);
+}
+
+/* Who has the whole cache is asked for room, and has no more to do than to go on as it did. */
+static void check_gives_way(const struct scene *scene, struct ooc_client *client,
+			    bool keeps_drawing)
+{
+	struct ooc_store *store = open_store(scene, client);
+	struct ooc_counters counters;
+	uint32_t drawable_count;
+	pid_t newcomer;
+	int status;
+
+	ooc_keep_drawing(client, keeps_drawing);
+	(void)want_leaves(scene, client, store, 0, 1, LEAF_COUNT / 2);
+	assert_int_equal(ooc_wait(client, 30000), 0);
+	drawable_count = verify_drawable(scene, store);
+	assert_true(drawable_count > NEWCOMER_LEAVES);
+	newcomer = start_newcomer(scene);
+	while (waitpid(newcomer, &status, WNOHANG) == 0) {
+		assert_int_equal(ooc_dispatch(client), 0);
+		if (keeps_drawing)
+			assert_int_equal(ooc_retire(client, want_leaves(scene, client, store, 0, 1,
+									LEAF_COUNT / 2)),
+					 0);
+		assert_in_range(verify_drawable(scene, store), drawable_count - 2 * NEWCOMER_LEAVES,
+				drawable_count);
+		wait_a_moment();
+	}
+	assert_int_equal(status, 0);
+	/* It was asked, and not thrown out. */
+	ooc_counters(client, &counters);
+	assert_int_equal(counters.reconnects, 0);
+	/* And what the other has left comes back by itself. */
+	while (verify_drawable(scene, store) < drawable_count) {
+		assert_int_equal(ooc_dispatch(client), 0);
+		wait_a_moment();
+	}
+	ooc_disconnect(client);
+}
+
+/* With a socket and a store for all. */
+static struct ooc_client *connect_beside_others(struct scene *scene)
+{
+	struct ooc_client *client;
+
+	assert_int_equal(chmod(scene->folder, 0711), 0);
+	assert_int_equal(chmod(scene->store_path, 0644), 0);
+	start_daemon(scene, "1M");
+	client = connect_to(scene);
+	assert_int_equal(chmod(scene->socket_path, 0666), 0);
+	return client;
+}
+
+static void a_client_gives_way_to_another_users_by_itself(void **state)
+{
+	check_gives_way(*state, connect_beside_others(*state), false);
+}
+
+static void a_client_that_keeps_drawing_gives_way_with_its_next_set(void **state)
+{
+	check_gives_way(*state, connect_beside_others(*state), true);
+}
+
 /* ---- a crowd in a tiny cache ---- */
 
 /* What the processes of a crowd and the test know of each other, in memory that they share. */
@@ -672,6 +761,8 @@ int main(void)
 		SCENE_TEST(a_prefetched_node_is_there_when_it_is_wanted),
 		SCENE_TEST(a_killed_daemon_that_comes_back_is_found_and_holds_again),
 		SCENE_TEST(more_than_fits_is_refused_with_a_reason_and_drawn_in_portions),
+		SCENE_TEST(a_client_gives_way_to_another_users_by_itself),
+		SCENE_TEST(a_client_that_keeps_drawing_gives_way_with_its_next_set),
 		SCENE_TEST(a_crowd_in_a_tiny_cache_never_sees_a_wrong_byte_and_comes_back),
 		OWN_TEST(eight_programs_that_find_no_daemon_end_with_one),
 		OWN_TEST(a_daemon_of_ones_own_that_dies_is_started_again),

@@ -47,15 +47,46 @@ static struct server_config traced_config(const char *trace_path)
 	return config;
 }
 
+/* What was said of one node last; of a node of which nothing was said it was evicted. */
+struct story {
+	enum trace_kind last; /* FETCH, READY or EVICT */
+	uint32_t fetch_count;
+};
+
 struct counts {
+	uint64_t fetched_again; /* after an eviction */
 	uint64_t of_kind[TRACE_KIND_COUNT_];
 	uint64_t fetched_bytes;
 	uint32_t store_count;
 	bool was_cut;
 };
 
+/* A node is fetched when it is away, becomes ready when it was fetched, is evicted when it was ready. */
+static void tell(struct story *story, enum trace_kind kind, struct counts *counts)
+{
+	bool is_first = story->fetch_count == 0;
+
+	switch (kind) {
+	case TRACE_FETCH:
+		assert_true(is_first || story->last == TRACE_EVICT);
+		counts->fetched_again += !is_first;
+		story->fetch_count++;
+		break;
+	case TRACE_READY:
+		assert_int_equal(story->last, TRACE_FETCH);
+		break;
+	case TRACE_EVICT:
+		assert_int_equal(story->last, TRACE_READY);
+		break;
+	default:
+		return;
+	}
+	story->last = kind;
+}
+
 static struct counts read_trace(const char *path)
 {
+	struct story stories[ENTRIES_MAX] = { 0 };
 	struct counts counts = { 0 };
 	struct trace_reader *reader;
 	struct trace_event event;
@@ -66,6 +97,8 @@ static struct counts read_trace(const char *path)
 		fail_msg("%s", why.text);
 	while ((r = trace_reader_next(reader, &event, &why)) > 0) {
 		counts.of_kind[event.kind]++;
+		assert_true(event.entry < ENTRIES_MAX);
+		tell(&stories[event.entry], event.kind, &counts);
 		if (event.kind == TRACE_READY)
 			counts.fetched_bytes += trace_reader_entry(reader, event.entry)->bytes;
 	}
@@ -128,6 +161,7 @@ static void a_trace_counts_what_the_daemon_counts(void **state)
 		assert_int_equal(counts.of_kind[TRACE_FETCH], fetches);
 		assert_int_equal(counts.of_kind[TRACE_READY], fetches);
 		assert_int_equal(counts.of_kind[TRACE_EVICT], evictions);
+		assert_true(counts.fetched_again > 100);
 		assert_int_equal(counts.fetched_bytes, read_bytes);
 	}
 	/* The session that waited for the socket and those that asked: all that began have ended. */

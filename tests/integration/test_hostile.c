@@ -14,7 +14,6 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <grp.h>
 #include <linux/falloc.h>
 #include <poll.h>
 #include <signal.h>
@@ -33,7 +32,6 @@
 
 #define ENTRIES_MAX   64u
 #define FUZZ_MESSAGES 1500u
-#define OTHER_UID     65533u
 #define SKIPPED       77
 
 struct fixture {
@@ -210,8 +208,7 @@ static int as_another_user(struct fixture *fixture, int (*attempt)(struct fixtur
 	pid = fork();
 	assert_true(pid >= 0);
 	if (pid == 0) {
-		if (setgroups(0, NULL) < 0 || setresgid(OTHER_UID, OTHER_UID, OTHER_UID) < 0 ||
-		    setresuid(OTHER_UID, OTHER_UID, OTHER_UID) < 0)
+		if (!test_become_other_user())
 			_exit(SKIPPED);
 		_exit(attempt(fixture));
 	}
@@ -248,7 +245,7 @@ static int write_in_every_way(int fd)
 	if (fallocate(fd, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, 0, 4096) == 0 ||
 	    fallocate(fd, 0, 1 << 30, 4096) == 0)
 		return 5;
-	if (fchmod(fd, 0666) == 0 || fchown(fd, OTHER_UID, OTHER_UID) == 0)
+	if (fchmod(fd, 0666) == 0 || fchown(fd, TEST_OTHER_UID, TEST_OTHER_UID) == 0)
 		return 6;
 	(void)snprintf(path, sizeof(path), "/proc/self/fd/%d", fd);
 	if (open(path, O_RDWR | O_CLOEXEC) >= 0 || open(path, O_WRONLY | O_CLOEXEC) >= 0 ||
