@@ -140,7 +140,8 @@ static _Noreturn void reader_main(const struct kit_daemon *daemon, const char *p
 
 		take_what_came(reader);
 		/* Mostly a set is seen whole before the next; now and then it is not even answered. */
-		if (serial == 0 || rand_r(&seed) % (64 * reader->rounds) == 0 ||
+		if (serial == 0 || reader->client->recalled ||
+		    rand_r(&seed) % (64 * reader->rounds) == 0 ||
 		    (rand_r(&seed) % reader->rounds == 0 &&
 		     atomic_load_explicit(rand_r(&seed) % 16 ? &page->settled : &page->acknowledged,
 					  memory_order_acquire) == serial))
