@@ -80,7 +80,7 @@ void server_waiting(const struct server *server, uint64_t *ret_fetches, uint64_t
 	LIST_FOR_EACH (link, &server->sessions) {
 		const struct session *session = LIST_ENTRY(link, struct session, link);
 
-		*ret_fetches += session->visible.counts[WANT_QUEUED];
+		*ret_fetches += visible_queued_count(&session->visible);
 		*ret_prefetches += session->prefetch_count - session->prefetch_next;
 	}
 }

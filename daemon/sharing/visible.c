@@ -443,6 +443,17 @@ uint32_t visible_take_refusals(struct visible *visible, struct wire_refusal *ret
 	return count;
 }
 
+uint32_t visible_queued_count(const struct visible *visible)
+{
+	uint32_t count = 0;
+
+	if (!visible->undecided)
+		return visible->counts[WANT_QUEUED];
+	for (uint32_t i = 0; i < visible->count; i++)
+		count += visible->wants[i].missed;
+	return count;
+}
+
 void visible_settle(struct visible *visible)
 {
 	struct wire_session_page *page = visible->page;

@@ -207,6 +207,14 @@ uint32_t visible_take_refusals(struct visible *visible, struct wire_refusal *ret
 /** Writes `settled` and `complete` when it is so. */
 void visible_settle(struct visible *visible);
 
+/**
+ * Missed nodes whose read has not been begun.  While it is not decided what is admitted of a set, what
+ * is in the cache waits as well, and is none of them.
+ *
+ * Cost: O(1); O(wants) while it is not decided.
+ */
+uint32_t visible_queued_count(const struct visible *visible);
+
 static inline uint32_t visible_missing_count(const struct visible *visible)
 {
 	return visible->counts[WANT_QUEUED] + visible->counts[WANT_WAITING];

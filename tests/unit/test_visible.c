@@ -146,16 +146,23 @@ static int setup_corrupting(void **state)
 
 static void books_check(const struct fixture *fixture)
 {
+	const struct store_counters *counters = &fixture->served->counters;
+	uint32_t queued_count = 0;
 	uint32_t hold_count = 0;
 
 	cache_check(&fixture->cache);
 	for (uint32_t i = 0; i < SESSION_COUNT; i++) {
 		visible_check(&fixture->visible[i]);
+		queued_count += visible_queued_count(&fixture->visible[i]);
 		hold_count += fixture->visible[i].held_count;
 	}
 	for (uint32_t i = 0; i < fixture->served->node_count; i++)
 		hold_count -= fixture->served->nodes[i].hold_count;
 	assert_int_equal(hold_count, 0);
+	/* What was missed is read, found on its way, given up or still waits. */
+	assert_int_equal(counters->misses + counters->retries,
+			 counters->fetches + counters->joined + counters->refused +
+				 counters->dropped + queued_count);
 }
 
 /* What the loop does with one session's queue and what comes back.  Returns: does it wait for room? */
@@ -240,6 +247,7 @@ static void take(struct fixture *fixture, uint32_t session, uint32_t first, uint
 			(struct wire_entry){ 0, fixture->nodes[first + i], (float)(count - i) };
 	assert_int_equal(visible_take(visible, entries, count, visible->serial + 1, retire), 0);
 	assert_int_equal(fixture->pages[session].acknowledged, visible->serial);
+	books_check(fixture);
 	division_settle(&fixture->room);
 	books_check(fixture);
 }
