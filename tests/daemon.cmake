@@ -27,7 +27,7 @@ oocd_test(test_reload integration SOURCES integration/test_reload.c LINK oocd_da
 
 oocd_test(test_takeover integration
 	SOURCES integration/test_takeover.c integration/manager_kit.c
-	LINK oocd_daemon_kit oocclient NEEDS oocd)
+	LINK oocd_daemon_kit oocd_manager oocclient NEEDS oocd)
 
 oocd_test(test_daemon_trace integration SOURCES integration/test_daemon_trace.c
 	LINK oocd_daemon_kit)

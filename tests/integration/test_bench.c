@@ -550,6 +550,24 @@ static void cache_reads_the_same_bytes_in_every_way_and_nothing_changed_calls_no
 	assert_true(said(folder, "frames.csv", "cold_bytes,oocd,0,3,"));
 }
 
+static void a_daemon_killed_under_load_comes_back_with_all_that_was_kept(void **state)
+{
+	const char *folder = *state;
+
+	assert_int_equal(run(folder, "oocgen plant --triangles 60000 --seed 2 -o m.ply"), 0);
+	assert_int_equal(run(folder, "oocbuild --quiet --leaf-triangles 500 -o m.ooc m.ply"), 0);
+	/* Of a copy as well.  It waits until each payload was verified, or fails. */
+	assert_int_equal(run(folder, "oocbench cache m.ooc --restart --keep 4M --clients 2 "
+				     "--repeats 2 --held 50 --json"),
+			 0);
+	assert_true(number_said(folder, "\"kept_stores\":") >= 2);
+	assert_true(number_said(folder, "\"kept_bytes\":") >= 4 << 20);
+	assert_true(said(folder, "output", "\"first_frame_s\""));
+	assert_true(said(folder, "output", "\"verified_s\""));
+	assert_true(number_said(folder, "\"survivor_frames\":") > 0);
+	assert_string_equal(test_folder_list(folder), "errors m.ooc m.ply output ");
+}
+
 #define IN_FOLDER(test)                                                                            \
 	cmocka_unit_test_setup_teardown(test, test_folder_setup, test_folder_teardown)
 
@@ -571,6 +589,7 @@ int main(void)
 		IN_FOLDER(fetch_and_build_measure_something),
 		IN_FOLDER(
 			cache_reads_the_same_bytes_in_every_way_and_nothing_changed_calls_nothing),
+		IN_FOLDER(a_daemon_killed_under_load_comes_back_with_all_that_was_kept),
 	};
 
 	return TEST_RUN(tests);

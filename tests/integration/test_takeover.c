@@ -66,7 +66,7 @@ static int setup(void **state)
 	scene->config = test_path(scene->folder, "oocd.conf");
 	test_store_grid(scene->plain, GRID_COUNT);
 	test_store_grid_make(scene->coded, &coded);
-	scene->manager = manager_create(scene->folder);
+	scene->manager = kit_manager_create(scene->folder);
 	(void)snprintf(scene->daemon.socket_path, sizeof(scene->daemon.socket_path), "%s",
 		       manager_socket(scene->manager));
 	*state = scene;
@@ -91,7 +91,7 @@ static void start_with_grace(const struct scene *scene, const char *cache_size, 
 
 	(void)snprintf(text, sizeof(text), "cache-size = %s\ngrace = %s\n", cache_size, grace);
 	test_file_write(scene->config, text, strlen(text));
-	manager_start(scene->manager, options);
+	kit_manager_start(scene->manager, options);
 }
 
 static uint32_t want_all(struct kit_client *client, const struct kit_store *store, uint32_t slot,
@@ -121,14 +121,14 @@ static void check_comes_back(struct scene *scene, const char *path, int signal)
 	struct kit_client *client;
 	uint32_t count;
 
-	manager_start(scene->manager, usual);
+	kit_manager_start(scene->manager, usual);
 	client = client_of(scene, path, &count);
 	assert_int_equal(kit_count_drawable(&client->stores[0]), count);
 	assert_true(kit_status_number(client, "read_bytes") > 0);
 	(void)manager_stop(scene->manager, signal);
 	kit_disconnect(client);
 
-	manager_start(scene->manager, usual);
+	kit_manager_start(scene->manager, usual);
 	client = client_of(scene, path, &count);
 	assert_int_equal(kit_count_drawable(&client->stores[0]), count);
 	assert_int_equal(kit_status_number(client, "takeover_verified"), count);
@@ -179,12 +179,12 @@ static void a_trace_says_what_was_taken_over(void **state)
 	struct kit_client *client;
 	uint32_t count;
 
-	manager_start(scene->manager, usual);
+	kit_manager_start(scene->manager, usual);
 	client = client_of(scene, scene->plain, &count);
 	(void)manager_stop(scene->manager, SIGKILL);
 	kit_disconnect(client);
 
-	manager_start(scene->manager, options);
+	kit_manager_start(scene->manager, options);
 	client = client_of(scene, scene->plain, &count);
 	kit_disconnect(client);
 	assert_int_equal(manager_stop(scene->manager, SIGTERM), 0);
@@ -217,13 +217,13 @@ static void check_reads_again(struct scene *scene, const char *path)
 	uint32_t spoiled;
 	uint32_t count;
 
-	manager_start(scene->manager, usual);
+	kit_manager_start(scene->manager, usual);
 	client = client_of(scene, path, &count);
 	kit_disconnect(client);
 	(void)manager_stop(scene->manager, SIGKILL);
 	spoiled = spoil(scene->manager, 0);
 
-	manager_start(scene->manager, usual);
+	kit_manager_start(scene->manager, usual);
 	client = client_of(scene, path, &count);
 	kit_await_number(client, "takeover_left", 0);
 	/* Every one that is drawable is looked at. */
@@ -240,7 +240,7 @@ static void a_kept_payload_that_is_wrong_is_read_again(void **state)
 
 	check_reads_again(scene, scene->plain);
 	manager_destroy(scene->manager);
-	scene->manager = manager_create(scene->folder);
+	scene->manager = kit_manager_create(scene->folder);
 	check_reads_again(scene, scene->coded);
 }
 
@@ -254,7 +254,7 @@ static void a_store_that_was_written_anew_begins_cold(void **state)
 	void *bytes;
 	int fd;
 
-	manager_start(scene->manager, usual);
+	kit_manager_start(scene->manager, usual);
 	client = client_of(scene, scene->plain, &count);
 	kit_disconnect(client);
 	(void)manager_stop(scene->manager, SIGKILL);
@@ -266,8 +266,8 @@ static void a_store_that_was_written_anew_begins_cold(void **state)
 	(void)close(fd);
 	free(bytes);
 
-	manager_start(scene->manager, usual);
-	manager_await_kept(scene->manager, "oocd-", 0);
+	kit_manager_start(scene->manager, usual);
+	kit_manager_await_kept(scene->manager, "oocd-", 0);
 	client = client_of(scene, scene->plain, &other_count);
 	assert_true(other_count < count);
 	assert_int_equal(kit_count_drawable(&client->stores[0]), other_count);
@@ -281,7 +281,7 @@ static void what_is_not_ours_or_not_whole_is_forgotten(void **state)
 	struct kit_client *client;
 	uint32_t count;
 
-	manager_start(scene->manager, usual);
+	kit_manager_start(scene->manager, usual);
 	client = client_of(scene, scene->plain, &count);
 	kit_disconnect(client);
 	(void)manager_stop(scene->manager, SIGKILL);
@@ -294,8 +294,8 @@ static void what_is_not_ours_or_not_whole_is_forgotten(void **state)
 		base[0] = 0;
 		(void)munmap(base, 4096);
 	}
-	manager_start(scene->manager, usual);
-	manager_await_kept(scene->manager, "oocd-", 0);
+	kit_manager_start(scene->manager, usual);
+	kit_manager_await_kept(scene->manager, "oocd-", 0);
 	client = client_of(scene, scene->plain, &count);
 	assert_int_equal(kit_count_drawable(&client->stores[0]), count);
 	assert_true(kit_status_number(client, "read_bytes") > 0);
@@ -309,14 +309,14 @@ static void a_store_that_is_closed_is_forgotten(void **state)
 	struct kit_client *client;
 	uint32_t count;
 
-	manager_start(scene->manager, options);
+	kit_manager_start(scene->manager, options);
 	client = client_of(scene, scene->coded, &count);
 	assert_int_equal(manager_kept_count(scene->manager, "-file"), 1);
 	assert_int_equal(manager_kept_count(scene->manager, "-ledger"), 1);
 	assert_int_equal(manager_kept_count(scene->manager, "-directory-"), 1);
 	assert_true(manager_kept_count(scene->manager, "-segment-") > 0);
 	kit_disconnect(client);
-	manager_await_kept(scene->manager, "oocd-", 0);
+	kit_manager_await_kept(scene->manager, "oocd-", 0);
 }
 
 static void a_smaller_cache_takes_over_what_fits(void **state)
@@ -434,7 +434,7 @@ static void after_the_grace_a_stopped_client_can_tell(void **state)
 	start_with_grace(scene, "8M", "0");
 	client = kit_hello(&scene->daemon);
 	kit_await_number(client, "takeover_graces", 0);
-	manager_await_kept(scene->manager, "-directory-", 1);
+	kit_manager_await_kept(scene->manager, "-directory-", 1);
 	assert_false(ooc_still_valid(survivor.store, survivor.node, &survivor.place));
 	crowd(client, scene->coded);
 	kit_disconnect(client);
@@ -460,7 +460,7 @@ static void a_daemon_that_dies_in_its_grace_passes_on_what_it_had(void **state)
 	start_with_grace(scene, "64M", "0");
 	client = kit_hello(&scene->daemon);
 	kit_await_number(client, "takeover_graces", 0);
-	manager_await_kept(scene->manager, "-directory-", 1);
+	kit_manager_await_kept(scene->manager, "-directory-", 1);
 	assert_false(ooc_still_valid(first.store, first.node, &first.place));
 	assert_false(ooc_still_valid(second.store, second.node, &second.place));
 	assert_int_equal(kit_status_number(client, "takeover_reread"), 0);
@@ -600,8 +600,8 @@ static void a_worker_that_hangs_is_no_ping_until_it_goes_on(void **state)
 	uint32_t count;
 	int fd;
 
-	manager_start(scene->manager, usual);
-	manager_await(scene->manager, "WATCHDOG=1", 2);
+	kit_manager_start(scene->manager, usual);
+	kit_manager_await(scene->manager, "WATCHDOG=1", 2);
 	client = kit_hello(&scene->daemon);
 	store = kit_open(client, 0, scene->coded);
 	/* Segments are made by workers, too: they shall hang with a payload. */
@@ -626,7 +626,7 @@ static void a_worker_that_hangs_is_no_ping_until_it_goes_on(void **state)
 	for (uint32_t i = 0; i < thread_count; i++)
 		(void)ptrace(PTRACE_DETACH, threads[i], NULL, NULL);
 	ping_count = manager_said(scene->manager, "WATCHDOG=1");
-	manager_await(scene->manager, "WATCHDOG=1", ping_count + 2);
+	kit_manager_await(scene->manager, "WATCHDOG=1", ping_count + 2);
 	kit_receive(client, WIRE_OPENED);
 	count = kit_entries(&client->stores[0], 0, 0, LEAVES_MAX, entries);
 	kit_set(client, entries, count, WIRE_SET_RETIRE);
@@ -641,7 +641,7 @@ static void it_ends_in_order_with_many_clients_that_wait(void **state)
 	struct scene *scene = *state;
 	struct kit_client *clients[MANY_CLIENTS];
 
-	manager_start(scene->manager, usual);
+	kit_manager_start(scene->manager, usual);
 	for (uint32_t i = 0; i < MANY_CLIENTS; i++) {
 		const struct kit_store *store;
 		uint32_t count;

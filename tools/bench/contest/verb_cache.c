@@ -22,6 +22,7 @@
 #include "tools/bench/bench.h"
 #include "tools/bench/contest/contest.h"
 #include "tools/bench/contest/frames.h"
+#include "tools/bench/contest/restart.h"
 #include "tools/bench/contest/viewers.h"
 
 #define REPEATS_MAX 100u
@@ -43,13 +44,16 @@ static const char help[] =
 	"  --held N       nodes that a client holds where costs are measured (1000)\n"
 	"  --clients N    in the crowd (16)\n"
 	"  --viewers N    also the memory of N viewers, which takes --path\n"
+	"  --restart      instead: kills the daemon while clients draw, and starts it with what was kept\n"
+	"  --keep SIZE    of payloads, then; the store is copied as often as that takes (all of it, once)\n"
 	"  --plot FILE    draws frame times; FILE ends in .svg or .png, -REGIME is put before that\n"
 	"  --csv FILE     every frame's time\n"
 	"  --quick        few frames and one round, to see that it works\n"
 	"  --json         results for programs\n"
 	"\n"
-	"Example:\n"
-	"  oocbench cache plant.ooc --plot cache.png\n";
+	"Examples:\n"
+	"  oocbench cache plant.ooc --plot cache.png\n"
+	"  oocbench cache plant.ooc --restart --keep 4G\n";
 
 struct cache_options {
 	const char *store;
@@ -62,6 +66,8 @@ struct cache_options {
 	uint64_t held_count;
 	uint64_t client_count;
 	uint64_t viewer_count;
+	uint64_t keep_bytes;
+	bool is_restart;
 	bool is_quick;
 	bool is_json;
 };
@@ -615,6 +621,34 @@ static int cache_make(struct cache *cache, struct why *why)
 	return r;
 }
 
+static int cache_restart(const struct cache_options *options, struct why *why)
+{
+	char scratch[PATH_MAX];
+	struct restart_config config = {
+		.store = options->store,
+		.scratch = scratch,
+		.keep_bytes = options->keep_bytes,
+		.held_count = options->held_count,
+		.client_count = (unsigned)options->client_count,
+		.repeat_count = options->repeat_count,
+	};
+	struct restart_result result;
+	struct report report;
+	int r = measure_scratch_make(NULL, scratch, why);
+
+	if (r < 0)
+		return r;
+	r = restart_measure(&config, &result, why);
+	measure_scratch_remove(scratch);
+	if (r < 0)
+		return r;
+	report_begin(&report, options->is_json);
+	report_text(&report, "store", "store", options->store);
+	restart_report(&result, &report);
+	report_end(&report);
+	return 0;
+}
+
 int verb_cache(int argc, char **argv)
 {
 	static struct cache cache;
@@ -633,6 +667,8 @@ int verb_cache(int argc, char **argv)
 		{ "held", ARGUMENT_NUMBER, &options.held_count, 1, 100000 },
 		{ "clients", ARGUMENT_NUMBER, &options.client_count, 1, FRAMES_CLIENT_COUNT_MAX },
 		{ "viewers", ARGUMENT_NUMBER, &options.viewer_count, 1, VIEWERS_COUNT_MAX },
+		{ "restart", ARGUMENT_FLAG, &options.is_restart },
+		{ "keep", ARGUMENT_SIZE, &options.keep_bytes, .min = (double)MIB },
 		{ "plot", ARGUMENT_TEXT, &options.plot },
 		{ "csv", ARGUMENT_TEXT, &options.csv },
 		{ "quick", ARGUMENT_FLAG, &options.is_quick },
@@ -656,7 +692,7 @@ int verb_cache(int argc, char **argv)
 	if (options.viewer_count > 0 && !options.path)
 		return verb_usage_error("cache", "--viewers takes a --path for them to go along");
 	cache.options = &options;
-	r = cache_make(&cache, &why);
+	r = options.is_restart ? cache_restart(&options, &why) : cache_make(&cache, &why);
 	if (r < 0)
 		log_error("cache: %s", why.text);
 	return r < 0;
