@@ -91,7 +91,6 @@ static void settle(struct server *server)
 static int on_round(sd_event_source *source, void *arg)
 {
 	struct server *server = arg;
-	uint64_t used_bytes;
 
 	(void)source;
 	if (!server->stopping) {
@@ -107,9 +106,8 @@ static int on_round(sd_event_source *source, void *arg)
 			settle_later(server);
 	}
 	fetch_flush(server->fetch);
-	used_bytes = cache_used_bytes(&server->cache);
 	LIST_FOR_EACH (link, &server->sessions)
-		session_tell(LIST_ENTRY(link, struct session, link), used_bytes);
+		session_tell(LIST_ENTRY(link, struct session, link));
 	check_now_and_then(server);
 	if (server->stopping && fills_count(server->fills) == 0 &&
 	    workers_job_count(server->workers) == 0)
@@ -142,12 +140,13 @@ static void tick_idle(struct server *server, uint64_t now_ns)
 static int on_tick(sd_event_source *source, uint64_t now_us, void *arg)
 {
 	struct server *server = arg;
+	uint64_t used_bytes = cache_used_bytes(&server->cache);
 	uint64_t now_ns = clock_now_ns();
 
 	recorder_tick(server->cache.recorder);
 	room_tick(&server->room, now_ns);
 	LIST_FOR_EACH (link, &server->sessions)
-		session_tick(LIST_ENTRY(link, struct session, link), now_ns);
+		session_tick(LIST_ENTRY(link, struct session, link), now_ns, used_bytes);
 	if (!server->stopping) {
 		takeover_tick(server->takeover, now_ns);
 		server_close_idle(server, now_ns);

@@ -224,13 +224,10 @@ static void send_recall(struct session *session)
 static void send_event(struct session *session)
 {
 	const struct visible *visible = &session->visible;
-	const struct wire_session_page *page = session->page;
 	struct wire_event message = {
 		.serial = visible->serial,
-		.settled = atomic_load_explicit(&page->settled, memory_order_relaxed) ==
-			   visible->serial,
-		.complete = atomic_load_explicit(&page->complete, memory_order_relaxed) ==
-			    visible->serial,
+		.settled = visible->settled == visible->serial,
+		.complete = visible->complete == visible->serial,
 		.missing_count = visible_missing_count(visible),
 	};
 
@@ -583,18 +580,13 @@ void session_retry(struct session *session)
 		queues_add_fetch(session->queues, &session->queue_entry);
 }
 
-void session_tell(struct session *session, uint64_t used_bytes)
+void session_tell(struct session *session)
 {
-	struct wire_session_page *page = session->page;
-
 	if (visible_wants_quiet(&session->visible) && connection_is_quiet(session->connection))
 		visible_note_quiet(&session->visible);
 	visible_settle(&session->visible);
 	lease_tell(session);
 	pump(session);
-	atomic_store_explicit(&page->cache_bytes, session->room->cache->budget_bytes,
-			      memory_order_relaxed);
-	atomic_store_explicit(&page->cache_used_bytes, used_bytes, memory_order_relaxed);
 }
 
 void session_fill_ended(struct session *session, const struct fill_result *result)
@@ -611,10 +603,15 @@ void session_fill_ended(struct session *session, const struct fill_result *resul
 	visible_fill_ended(&session->visible, result);
 }
 
-void session_tick(struct session *session, uint64_t now_ns)
+void session_tick(struct session *session, uint64_t now_ns, uint64_t used_bytes)
 {
-	/* Means nothing beside what else is there: it only changes. */
-	atomic_fetch_add_explicit(&session->page->beat, 1, memory_order_relaxed);
+	struct wire_session_page *page = session->page;
+
+	/* The first means nothing beside what else is there, it only changes; the others are for people. */
+	atomic_fetch_add_explicit(&page->beat, 1, memory_order_relaxed);
+	atomic_store_explicit(&page->cache_bytes, session->room->cache->budget_bytes,
+			      memory_order_relaxed);
+	atomic_store_explicit(&page->cache_used_bytes, used_bytes, memory_order_relaxed);
 	if (session->state == SESSION_GREETING &&
 	    now_ns - session->born_ns > HELLO_SECONDS_MAX * NS_PER_S)
 		connection_break(session->connection, -ETIMEDOUT, "it does not say HELLO");
@@ -741,7 +738,7 @@ int session_create(const struct session_config *config, int socket_fd, struct se
 		     config->number, session->page);
 	recorder_session(session->room->cache->recorder, TRACE_BEGIN, session->number, 0);
 	atomic_init(&session->page->epoch, config->epoch);
-	/* A client that has just been greeted looks at it (session_tell() comes later). */
+	/* A client that has just been greeted looks at it (session_tick() comes later). */
 	atomic_init(&session->page->cache_bytes, config->room->cache->budget_bytes);
 	r = memfile_publish(&session->page_file, MEMFILE_CHANGING, why);
 	if (r < 0)

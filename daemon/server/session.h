@@ -149,10 +149,15 @@ void session_fill_ended(struct session *session, const struct fill_result *resul
 
 /** Before a round's fetches are begun: tries again what was refused for room. */
 void session_retry(struct session *session);
-/** After them: tells what is owed, and what the page tells.  used_bytes: of the cache. */
-void session_tell(struct session *session, uint64_t used_bytes);
+/** After them: tells what is owed. */
+void session_tell(struct session *session);
 
-/** Once a while: asks for what others need; drops a client that does not greet, read or answer. */
-void session_tick(struct session *session, uint64_t now_ns);
+/**
+ * Once a while: shows that the daemon lives, and how full the cache is; asks for what others need; drops
+ * a client that does not greet, read or answer.
+ *
+ * used_bytes:  of the cache.
+ */
+void session_tick(struct session *session, uint64_t now_ns, uint64_t used_bytes);
 
 #endif /* DAEMON_SERVER_SESSION_H */

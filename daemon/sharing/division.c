@@ -91,28 +91,17 @@ static void set_shares(struct room *room)
 
 /* ---- the walk ---- */
 
-/* What the want takes of the room: nothing, if a walk has come to its node before. */
-static uint32_t new_pages_of(const struct division *division, const struct visible *visible,
-			     const struct want *want)
-{
-	const struct node *node = visible_node_of(visible, want);
-
-	/* What is pinned is in the cache anyhow: room_pages() goes without it. */
-	return node->plan == division->room->plan || node->residence != RESIDENCE_NONE
-		       ? 0
-		       : visible_pages_of(visible, want);
-}
-
 /* Returns: false when it does not fit. */
 static bool plan_one(struct division *division, struct visible *visible, const struct want *want)
 {
-	uint32_t pages = new_pages_of(division, visible, want);
+	struct node *node = visible_node_of(visible, want);
+	uint32_t pages = room_new_pages(division->room, node);
 
 	if (pages > division->left_pages)
 		return false;
 	division->left_pages -= pages;
 	visible->claim_charge += (uint64_t)pages * PAGE_PARTS;
-	visible_node_of(visible, want)->plan = division->room->plan;
+	node->plan = division->room->plan;
 	return true;
 }
 
@@ -132,13 +121,14 @@ static bool walk(struct division *division, struct visible *visible, uint64_t ch
 {
 	for (; visible->claim_next < visible->count; visible->claim_next++) {
 		const struct want *want = &visible->wants[visible->claim_next];
+		const struct node *node = visible_node_of(visible, want);
 
 		/* What is damaged or cannot be read needs no room. */
-		if (visible_node_of(visible, want)->state == NODE_DAMAGED ||
+		if (node->state == NODE_DAMAGED ||
 		    (want->state == WANT_REFUSED && !visible_is_for_room(want->reason)))
 			continue;
 		if (visible->claim_charge +
-			    (uint64_t)new_pages_of(division, visible, want) * PAGE_PARTS >
+			    (uint64_t)room_new_pages(division->room, node) * PAGE_PARTS >
 		    charge)
 			return true;
 		if (!plan_one(division, visible, want))
@@ -174,6 +164,7 @@ static void divide(struct room *room)
 			if (!walk(&division, visible, step * step_charge))
 				list_remove(link);
 		}
+	room->left_pages = division.left_pages;
 }
 
 static uint64_t resident_pages(const struct cache *cache)

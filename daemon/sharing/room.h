@@ -30,11 +30,13 @@ struct room {
 	uint64_t unusable_pages;
 	uint64_t resident_pages; /* that administrators have pinned; division.c refreshes it */
 	uint64_t pages;          /* room_pages() at the newest division */
-	uint32_t plan;           /* number of the newest division; 0: there was none */
-	bool changed;            /* what is wanted has, since the newest division */
-	bool divided;            /* what is planned counts */
-	uint32_t leaving_count;  /* revoked holds that are not given up yet */
-	uint64_t drain_count;    /* of the cache, when sets were last told */
+	uint64_t
+		left_pages; /* of them, what it left to nobody, and what nobody wants any more since */
+	uint32_t plan;      /* number of the newest division; 0: there was none */
+	bool changed;       /* what is wanted has, since the newest division */
+	bool divided;       /* what is planned counts */
+	uint32_t leaving_count; /* revoked holds that are not given up yet */
+	uint64_t drain_count;   /* of the cache, when sets were last told */
 
 	/* Whether what is leaving still gets anywhere: room_tick(). */
 	uint64_t leaving_clock; /* +1 with each hold that is revoked or given up */
@@ -50,6 +52,13 @@ static inline uint64_t room_pages(const struct room *room)
 	uint64_t pages = cache_room_bytes(room->cache) / WIRE_PAGE_BYTES;
 
 	return pages - u64_min(pages, room->unusable_pages + room->resident_pages);
+}
+
+/** What a node takes of what the newest division leaves: nothing, if it is planned already. */
+static inline uint32_t room_new_pages(const struct room *room, const struct node *node)
+{
+	/* What is pinned is in the cache anyhow: room_pages() goes without it. */
+	return node->plan == room->plan || node->residence != RESIDENCE_NONE ? 0 : node->page_count;
 }
 
 /** Is more wanted than fits? */

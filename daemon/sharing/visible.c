@@ -287,6 +287,9 @@ int visible_take(struct visible *visible, const struct wire_entry *entries, uint
 		room_note_change(room);
 	/* Where more is wanted than fits, all sets are looked at together (division.h). */
 	visible->undecided = room->changed && (room->divided || room_is_tight(room));
+	/* But who asks for little that others do not want as well does not wait until they are. */
+	if (visible->undecided && room->divided)
+		visible->undecided = !visible_plan_rest(visible);
 	if (!visible->undecided)
 		visible_admit(visible);
 	visible->changed = true;
@@ -457,17 +460,21 @@ uint32_t visible_queued_count(const struct visible *visible)
 void visible_settle(struct visible *visible)
 {
 	struct wire_session_page *page = visible->page;
+	uint64_t serial = visible->serial;
 
-	if (visible_missing_count(visible) > 0 || visible->untold_count > 0)
+	/* Asked of each session in each round: most have nothing to say. */
+	if (visible->complete == serial || visible_missing_count(visible) > 0 ||
+	    visible->untold_count > 0)
 		return;
-	if (atomic_load_explicit(&page->settled, memory_order_relaxed) < visible->serial) {
+	if (visible->settled < serial) {
 		/* After the directory's words and the grants that make it true, as `acknowledged`. */
-		atomic_store_explicit(&page->settled, visible->serial, memory_order_release);
+		atomic_store_explicit(&page->settled, serial, memory_order_release);
+		visible->settled = serial;
 		visible->changed = true;
 	}
-	if (visible->counts[WANT_REFUSED] == 0 &&
-	    atomic_load_explicit(&page->complete, memory_order_relaxed) < visible->serial) {
-		atomic_store_explicit(&page->complete, visible->serial, memory_order_release);
+	if (visible->counts[WANT_REFUSED] == 0) {
+		atomic_store_explicit(&page->complete, serial, memory_order_release);
+		visible->complete = serial;
 		visible->changed = true;
 	}
 }

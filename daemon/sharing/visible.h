@@ -111,8 +111,10 @@ struct visible {
 	uint32_t count; /* of the set */
 	uint32_t total; /* with what is retained */
 
-	uint64_t serial; /* of the set; 0: there was none */
-	uint64_t now_ns; /* when it was last admitted, as wants are queued then */
+	uint64_t serial;   /* of the set; 0: there was none */
+	uint64_t settled;  /* as the page says, and */
+	uint64_t complete; /* likewise */
+	uint64_t now_ns;   /* when it was last admitted, as wants are queued then */
 	uint32_t counts[WANT_STATE_COUNT_];
 	uint32_t untold_count;
 	uint32_t next_queued; /* no QUEUED want lies before it */

@@ -141,10 +141,30 @@ void want_count_in(struct visible *visible, const struct want *want)
 void want_count_out(struct visible *visible, const struct want *want)
 {
 	struct node *node = visible_node_of(visible, want);
+	struct room *room = visible->room;
 
 	CHECK(node->want_count > 0);
-	if (--node->want_count == 0)
-		visible->room->wanted_pages -= visible_pages_of(visible, want);
+	if (--node->want_count > 0)
+		return;
+	room->wanted_pages -= node->page_count;
+	if (node->plan == room->plan && node->residence == RESIDENCE_NONE)
+		room->left_pages += node->page_count;
+	node->plan = 0;
+}
+
+bool visible_plan_rest(struct visible *visible)
+{
+	struct room *room = visible->room;
+	uint64_t pages = 0;
+
+	for (uint32_t i = 0; i < visible->count; i++)
+		pages += room_new_pages(room, visible_node_of(visible, &visible->wants[i]));
+	if (pages > room->left_pages)
+		return false;
+	room->left_pages -= pages;
+	for (uint32_t i = 0; i < visible->count; i++)
+		visible_node_of(visible, &visible->wants[i])->plan = room->plan;
+	return true;
 }
 
 /* ---- states ---- */

@@ -6,7 +6,10 @@
 #include "daemon/cache/recorder.h"
 #include "daemon/sharing/visible.h"
 
-/** Counts a want of a node in, or out: what is wanted of the cache at all. */
+/**
+ * Counts a want of a node in, or out: what is wanted of the cache at all.  What nobody wants is not
+ * planned any longer.
+ */
 void want_count_in(struct visible *visible, const struct want *want);
 void want_count_out(struct visible *visible, const struct want *want);
 
@@ -26,5 +29,12 @@ void want_refuse(struct visible *visible, struct want *want, enum wire_reason re
 
 /** Gives a want that has room the state that its node's state says. */
 void want_admit(struct visible *visible, struct want *want);
+
+/**
+ * Adds what of the set is not planned to the newest division, if that has left so much.
+ *
+ * Returns: false when it has not; then nothing has changed.
+ */
+bool visible_plan_rest(struct visible *visible);
 
 #endif /* DAEMON_SHARING_VISIBLE_PRIVATE_H */

@@ -656,6 +656,45 @@ static void naming_what_ones_other_sets_name_takes_nothing_from_another_user(voi
 	assert_share(fixture, drawn_from(fixture, 2, 400), 0.5);
 }
 
+static void a_set_that_fits_into_what_is_left_waits_for_no_division(void **state)
+{
+	struct fixture *fixture = *state;
+	struct visible *visible = &fixture->visible[2];
+	struct wire_entry entries[WANTS_MAX] = { 0 };
+	uint32_t fit = fixture->fit_count;
+	uint32_t count = fit / 4;
+
+	take(fixture, 0, 0, fit * 2, true);
+	take(fixture, 2, 400, count, true);
+	settle_all(fixture);
+	assert_true(fixture->room.divided);
+	/* Half of it is drawn by another, half was its own. */
+	for (uint32_t i = 0; i < count; i++)
+		entries[i] = (struct wire_entry){ 0, fixture->nodes[i < count / 2 ? i : 400 + i],
+						  (float)(count - i) };
+	assert_int_equal(visible_take(visible, entries, count, visible->serial + 1, true), 0);
+	assert_false(visible->undecided);
+	for (uint32_t i = 0; i < count; i++)
+		assert_int_equal(visible->wants[i].state, WANT_DRAWABLE);
+	visible_settle(visible);
+	assert_int_equal(fixture->pages[2].settled, visible->serial);
+	books_check(fixture);
+	/* Others take the room of what it lets go. */
+	for (uint32_t i = 0; i < count; i++)
+		entries[i] = (struct wire_entry){ 0, fixture->nodes[i < count / 2 ? i : 300 + i],
+						  (float)(count - i) };
+	assert_int_equal(visible_take(visible, entries, count, visible->serial + 1, true), 0);
+	assert_false(visible->undecided);
+	/* What does not fit waits, whole: what of it comes is for the division to say. */
+	for (uint32_t i = 0; i < 2 * fit; i++)
+		entries[i] =
+			(struct wire_entry){ 0, fixture->nodes[200 + i], (float)(2 * fit - i) };
+	assert_int_equal(visible_take(visible, entries, 2 * fit, visible->serial + 1, true), 0);
+	assert_true(visible->undecided);
+	settle_all(fixture);
+	assert_share(fixture, drawn_from(fixture, 2, 200), 0.5);
+}
+
 static void a_hit_does_not_keep_out_what_matters_more(void **state)
 {
 	struct fixture *fixture = *state;
@@ -834,6 +873,7 @@ int main(void)
 		VISIBLE_TEST(what_nobody_claims_is_used_and_taken_back),
 		VISIBLE_TEST(what_several_want_takes_its_room_once),
 		VISIBLE_TEST(naming_what_ones_other_sets_name_takes_nothing_from_another_user),
+		VISIBLE_TEST(a_set_that_fits_into_what_is_left_waits_for_no_division),
 		VISIBLE_TEST(a_hit_does_not_keep_out_what_matters_more),
 		VISIBLE_TEST(what_has_settled_stays_settled),
 		VISIBLE_TEST(closing_a_store_gives_everything_back),
