@@ -400,6 +400,18 @@ static int compare_u32(const void *a, const void *b)
 	return (left > right) - (left < right);
 }
 
+/* Sorts them. */
+static void take_times(uint32_t *us, uint32_t count, double *ret_median, double *ret_p99,
+		       double *ret_max)
+{
+	if (count == 0)
+		return;
+	qsort(us, count, sizeof(us[0]), compare_u32);
+	*ret_median = 1e-3 * us[count / 2];
+	*ret_p99 = 1e-3 * us[(uint64_t)count * 99 / 100];
+	*ret_max = 1e-3 * us[count - 1];
+}
+
 static void take_findings(struct crowd *crowd)
 {
 	struct crowd_result *result = crowd->result;
@@ -416,12 +428,10 @@ static void take_findings(struct crowd *crowd)
 	result->lost = shared->lost;
 	result->probes = count;
 	memcpy(result->first_failure, shared->first_failure, sizeof(result->first_failure));
-	if (count == 0)
-		return;
-	qsort(shared->probe_us, count, sizeof(shared->probe_us[0]), compare_u32);
-	result->probe_ms_median = 1e-3 * shared->probe_us[count / 2];
-	result->probe_ms_p99 = 1e-3 * shared->probe_us[(uint64_t)count * 99 / 100];
-	result->probe_ms_max = 1e-3 * shared->probe_us[count - 1];
+	take_times(shared->probe_us, count, &result->probe_ms_median, &result->probe_ms_p99,
+		   &result->probe_ms_max);
+	take_times(shared->ping_us, atomic_load(&shared->ping_count), &result->ping_ms_median,
+		   &result->ping_ms_p99, &result->ping_ms_max);
 }
 
 static int run_in_scratch(struct crowd *crowd, struct why *why)
@@ -510,6 +520,10 @@ static void crowd_report(const struct crowd_config *config, const struct crowd_r
 	report_number(&report, "probe_ms_median", "  median", result->probe_ms_median, "ms");
 	report_number(&report, "probe_ms_p99", "  99 of 100 within", result->probe_ms_p99, "ms");
 	report_number(&report, "probe_ms_max", "  longest", result->probe_ms_max, "ms");
+	report_number(&report, "ping_ms_median", "a message that a process only sends back, median",
+		      result->ping_ms_median, "ms");
+	report_number(&report, "ping_ms_p99", "  99 of 100 within", result->ping_ms_p99, "ms");
+	report_number(&report, "ping_ms_max", "  longest", result->ping_ms_max, "ms");
 	report_number(&report, "leaked_descriptors", "descriptors not given back",
 		      (double)result->leaked_descriptors, "");
 	report_number(&report, "leaked_holds_bytes", "bytes held for nobody",

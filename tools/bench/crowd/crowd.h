@@ -47,6 +47,8 @@ struct crowd_result {
 	uint64_t restarts;
 	uint64_t probes;
 	double probe_ms_median, probe_ms_p99, probe_ms_max;
+	/* In turn with them, a message as long to a process that only sends it back: the machine's part. */
+	double ping_ms_median, ping_ms_p99, ping_ms_max;
 	/* The end against the beginning, nobody connected: what was not given back. */
 	int64_t leaked_descriptors; /* segments' not counted */
 	uint64_t leaked_holds_bytes;

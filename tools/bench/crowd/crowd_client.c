@@ -8,13 +8,16 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/prctl.h>
+#include <sys/socket.h>
 #include <time.h>
 #include <unistd.h>
 
 #include "formats/base/bytes.h"
 #include "formats/base/clock.h"
+#include "formats/base/file.h"
 #include "formats/store/store_checksum.h"
 #include "libclient/ooc/client.h"
+#include "libclient/wire.h"
 #include "tools/bench/crowd/crowd.h"
 
 /* Payloads that are summed of each set, before and after it is settled. */
@@ -37,6 +40,7 @@ struct crowd_client {
 	uint32_t *picks; /* of each want: its place in shared->nodes */
 	size_t want_count;
 	uint32_t walk_at;
+	int echo_fd; /* of the prober */
 };
 
 static uint32_t below(struct crowd_client *self, uint32_t bound)
@@ -203,6 +207,46 @@ static _Noreturn void client_run(struct crowd_client *self)
 
 /* ---- the prober ---- */
 
+/* A process that sends back what it is sent, and does nothing else.  Returns: a socket to it, or -1. */
+static int start_echo(void)
+{
+	static uint8_t bytes[WIRE_MESSAGE_BYTES_MAX];
+	int fds[2];
+
+	if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, fds) < 0)
+		return -1;
+	if (fork() == 0) {
+		ssize_t n;
+
+		(void)prctl(PR_SET_PDEATHSIG, SIGKILL);
+		(void)fd_close(fds[0]);
+		while ((n = recv(fds[1], bytes, sizeof(bytes), 0)) > 0)
+			(void)send(fds[1], bytes, (size_t)n, MSG_NOSIGNAL);
+		_exit(0);
+	}
+	(void)fd_close(fds[1]);
+	return fds[0];
+}
+
+/* What an answer takes here and now of somebody who has nothing to do for it. */
+static void ping(struct crowd_client *self)
+{
+	static uint8_t bytes[WIRE_MESSAGE_BYTES_MAX];
+	size_t message_bytes =
+		u64_min(sizeof(struct wire_set) + self->want_count * sizeof(struct wire_entry),
+			sizeof(bytes));
+	uint64_t begin_ns = clock_now_ns();
+	uint32_t at = atomic_load(&self->shared->ping_count);
+
+	if (at == CROWD_PROBES_MAX ||
+	    send(self->echo_fd, bytes, message_bytes, MSG_NOSIGNAL) != (ssize_t)message_bytes ||
+	    recv(self->echo_fd, bytes, sizeof(bytes), 0) <= 0)
+		return;
+	self->shared->ping_us[at] =
+		(uint32_t)u64_min((clock_now_ns() - begin_ns) / NS_PER_US, UINT32_MAX);
+	atomic_store(&self->shared->ping_count, at + 1);
+}
+
 /* Nodes that lie in the cache now.  Returns: as many as a set has? */
 static bool choose_resident(struct crowd_client *self)
 {
@@ -238,6 +282,7 @@ static void probe(struct crowd_client *self)
 
 	if (!choose_resident(self))
 		return;
+	ping(self);
 	ooc_counters(self->client, &before);
 	begin_ns = clock_now_ns();
 	if (ooc_visible_set(self->client, self->wants, self->want_count) < 0 || settle(self) < 0)
@@ -258,6 +303,7 @@ static void probe(struct crowd_client *self)
 
 static _Noreturn void prober_run(struct crowd_client *self)
 {
+	self->echo_fd = start_echo();
 	connect_and_open(self);
 	for (;;) {
 		int r = ooc_dispatch(self->client);
