@@ -36,6 +36,30 @@ static void plot_draws_what_it_is_given(void **state)
 	free(text);
 }
 
+/* On a logarithmic axis there is no 0: it has a place of its own, with its name. */
+static void plot_shows_what_is_zero_where_it_is_said(void **state)
+{
+	const char *path = test_path(*state, "p.svg");
+	const double x[] = { 1.0, 2.0 };
+	const double y[] = { 0.5, 0.0 };
+	const struct plot_series series[] = { { "front", x, y, 2, PLOT_FRONT } };
+	struct plot plot = { "t", "x", "y", false, true, series, 1, 0.0 };
+	struct why why;
+	size_t bytes[2];
+
+	if (!measure_has_program("gnuplot"))
+		skip();
+	for (int i = 0; i < 2; i++) {
+		char *text;
+
+		plot.y_zero = i * 1e-3;
+		assert_int_equal(plot_write(path, &plot, &why), 0);
+		text = test_file_read(path, &bytes[i]);
+		assert_int_equal(strstr(text, ">0<") != NULL, i == 1);
+		free(text);
+	}
+}
+
 static void plot_without_a_point_is_an_empty_one(void **state)
 {
 	const char *path = test_path(*state, "p.svg");
@@ -71,6 +95,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		IN_FOLDER(plot_draws_what_it_is_given),
+		IN_FOLDER(plot_shows_what_is_zero_where_it_is_said),
 		IN_FOLDER(plot_without_a_point_is_an_empty_one),
 		IN_FOLDER(plot_into_a_folder_that_is_not_there_says_so),
 	};

@@ -16,7 +16,9 @@
 
 /* More than this in a channel is a difference that somebody could see. */
 #define COLOUR_THRESHOLD 8u
-/* Passes over the views: the first warms up, the second is measured. */
+/* Repeats after which a setting that was beaten in every one of them is timed no more. */
+#define SURE_REPEATS 2u
+/* Passes over the views that are timed: the first warms up, the second is measured. */
 #define PASS_COUNT 2u
 #define PASSES     "2"
 /* What the control draws: the same view, the nearest nodes up to so many triangles. */
@@ -112,9 +114,56 @@ static int frame_read(const struct viewing *viewing, size_t index,
 	return r < 0 ? why_set(why, r, "out of memory") : 0;
 }
 
-/* Pictures of all views in one channel. */
+/* Number of the field of a row that has this text; the field behind the last if none has. */
+static unsigned field_find(char *row, const char *text)
+{
+	unsigned index = 0;
+
+	row[strcspn(row, "\n")] = '\0';
+	for (char *field; (field = strsep(&row, ",")) && strcmp(field, text) != 0;)
+		index++;
+	return index;
+}
+
+static double field_number(const char *row, unsigned index)
+{
+	while (row && index-- > 0) {
+		row = strchr(row, ',');
+		row = row ? row + 1 : NULL;
+	}
+	return row ? strtod(row, NULL) : NAN;
+}
+
+/* A column of the statistics by its name, of so many frames.  Returns: 0 or -errno. */
+static int column_read(const struct viewing *viewing, const char *name, double *ret, size_t count,
+		       struct why *why)
+{
+	FILE *file = fopen(viewing->stats, "re");
+	char row[4096];
+	unsigned column;
+	size_t read = 0;
+
+	if (!file)
+		return why_errno(why, -errno, "%s", viewing->stats);
+	if (fgets(row, sizeof(row), file)) {
+		column = field_find(row, name);
+		while (read < count && fgets(row, sizeof(row), file))
+			ret[read++] = field_number(row, column);
+	}
+	(void)fclose(file);
+	return read == count
+		       ? 0
+		       : why_set(why, -EIO, "oocview drew %zu frames instead of %zu", read, count);
+}
+
+/*
+ * Pictures of all views in one channel.
+ *
+ * ret_triangles:  drawn for each view.
+ */
 static int pictures_take(const struct chart *chart, const struct chart_setting *setting,
-			 const char *channel, struct rgb_image *ret, struct why *why)
+			 const char *channel, struct rgb_image *ret, double *ret_triangles,
+			 struct why *why)
 {
 	const struct chart_options *options = chart->options;
 	char path[PATH_MAX];
@@ -125,6 +174,9 @@ static int pictures_take(const struct chart *chart, const struct chart_setting *
 	r = path_write(path, chart->scene->cameras, chart->scene->camera_count, why);
 	if (r == 0)
 		r = view(options, setting, &viewing, why);
+	if (r == 0)
+		r = column_read(&viewing, "triangles", ret_triangles, chart->scene->camera_count,
+				why);
 	for (size_t i = 0; r == 0 && i < chart->scene->camera_count; i++) {
 		rgb_image_done(&ret[i]);
 		r = frame_read(&viewing, i, options, &ret[i], why);
@@ -209,19 +261,22 @@ static int setting_judge(struct chart *chart, struct chart_setting *setting, str
 {
 	size_t count = chart->scene->camera_count;
 	struct rgb_image *pictures = calloc(count, sizeof(*pictures));
+	double *triangles = calloc(count, sizeof(*triangles));
 	int r;
 
 	setting->views = calloc(count, sizeof(*setting->views));
-	if (!pictures || !setting->views) {
+	if (!pictures || !triangles || !setting->views) {
 		free(pictures);
+		free(triangles);
 		return why_set(why, -ENOMEM, "out of memory");
 	}
-	r = pictures_take(chart, setting, "triangle", pictures, why);
+	r = pictures_take(chart, setting, "triangle", pictures, triangles, why);
 	for (size_t i = 0; r == 0 && i < count; i++)
 		compare_items(&chart->items[i], &pictures[i], &setting->views[i]);
 	if (r == 0)
-		r = pictures_take(chart, setting, "colour", pictures, why);
+		r = pictures_take(chart, setting, "colour", pictures, triangles, why);
 	for (size_t i = 0; r == 0 && i < count; i++) {
+		setting->triangles += triangles[i] / (double)count;
 		r = compare_colours(chart, i, &pictures[i], &setting->views[i]);
 		if (r < 0)
 			r = why_set(why, r, "out of memory");
@@ -231,79 +286,28 @@ static int setting_judge(struct chart *chart, struct chart_setting *setting, str
 	for (size_t i = 0; i < count; i++)
 		rgb_image_done(&pictures[i]);
 	free(pictures);
+	free(triangles);
 	return r;
 }
 
 /* ---- times ---- */
 
-/* Number of the field of a row that has this text; the field behind the last if none has. */
-static unsigned field_find(char *row, const char *text)
-{
-	unsigned index = 0;
-
-	row[strcspn(row, "\n")] = '\0';
-	for (char *field; (field = strsep(&row, ",")) && strcmp(field, text) != 0;)
-		index++;
-	return index;
-}
-
-static double field_number(const char *row, unsigned index)
-{
-	while (row && index-- > 0) {
-		row = strchr(row, ',');
-		row = row ? row + 1 : NULL;
-	}
-	return row ? strtod(row, NULL) : NAN;
-}
-
-/* A column of the statistics by its name.  Returns: rows read, at most count_max, or -errno. */
-static int column_read(const char *path, const char *name, double *ret, size_t count_max,
-		       struct why *why)
-{
-	FILE *file = fopen(path, "re");
-	char row[4096];
-	unsigned column;
-	int count = 0;
-
-	if (!file)
-		return why_errno(why, -errno, "%s", path);
-	if (!fgets(row, sizeof(row), file)) {
-		(void)fclose(file);
-		return why_set(why, -EIO, "%s: empty", path);
-	}
-	column = field_find(row, name);
-	while ((size_t)count < count_max && fgets(row, sizeof(row), file))
-		ret[count++] = field_number(row, column);
-	(void)fclose(file);
-	return count;
-}
-
-/* The 95th percentile of the second pass, and the mean of the triangles drawn. */
+/* The 95th percentile of the second pass over as many views as are timed. */
 static int times_take(const struct chart *chart, const struct chart_setting *setting,
-		      const char *path, double *ret_p95_ms, double *ret_triangles, struct why *why)
+		      const char *path, double *ret_p95_ms, struct why *why)
 {
-	size_t room = PASS_COUNT * chart->scene->camera_count;
-	double *ms = calloc(2 * room, sizeof(*ms));
-	double *triangles = ms + room;
+	size_t count = chart->scene->burst;
+	double *ms = calloc(PASS_COUNT * count, sizeof(*ms));
 	struct viewing viewing = { .path = path };
-	size_t half = chart->scene->camera_count;
 	int r = ms ? view(chart->options, setting, &viewing, why)
 		   : why_set(why, -ENOMEM, "out of memory");
 
 	if (r == 0)
-		r = column_read(viewing.stats, "ms", ms, room, why);
-	if (r >= 0 && (size_t)r == room)
-		r = column_read(viewing.stats, "triangles", triangles, room, why);
-	if (r >= 0 && (size_t)r < room)
-		r = why_set(why, -EIO, "oocview drew %d frames instead of %zu", r, room);
-	if (r >= 0) {
-		*ret_p95_ms = percentile_of(ms + half, half, 0.95);
-		*ret_triangles = 0.0;
-		for (size_t i = half; i < room; i++)
-			*ret_triangles += triangles[i] / (double)half;
-	}
+		r = column_read(&viewing, "ms", ms, PASS_COUNT * count, why);
+	if (r == 0)
+		*ret_p95_ms = percentile_of(ms + (PASS_COUNT - 1) * count, count, 0.95);
 	free(ms);
-	return r < 0 ? r : 0;
+	return r;
 }
 
 static const struct chart_setting control = {
@@ -313,20 +317,57 @@ static const struct chart_setting control = {
 	.scale = 1.0,
 };
 
+static double lowest(const double *values, size_t count)
+{
+	double low = INFINITY;
+
+	for (size_t i = 0; i < count; i++)
+		low = fmin(low, values[i]);
+	return low;
+}
+
+static double highest(const double *values, size_t count)
+{
+	double high = 0.0;
+
+	for (size_t i = 0; i < count; i++)
+		high = fmax(high, values[i]);
+	return high;
+}
+
+/*
+ * Is another setting no more wrong, and was quicker every time?  Then more repeats would change nothing
+ * that is read off the chart.  The full mode, which others are compared with, stays.
+ */
+static bool is_beaten(const struct chart *chart, const struct chart_setting *setting)
+{
+	double low = lowest(setting->p95_ms, setting->repeat_count);
+
+	for (size_t i = 0; i < chart->setting_count && setting != chart->settings; i++) {
+		const struct chart_setting *other = &chart->settings[i];
+
+		if (other->wrong_of_covered_mean <= setting->wrong_of_covered_mean &&
+		    highest(other->p95_ms, other->repeat_count) < low)
+			return true;
+	}
+	return false;
+}
+
 /* One repeat: the control, then every setting, in an order that turns from repeat to repeat. */
 static int repeat_measure(struct chart *chart, unsigned repeat, const char *views_path,
 			  const char *control_path, struct why *why)
 {
 	double control_ms;
-	double ignored;
-	int r = times_take(chart, &control, control_path, &control_ms, &ignored, why);
+	int r = times_take(chart, &control, control_path, &control_ms, why);
 
 	for (size_t i = 0; r == 0 && i < chart->setting_count; i++) {
 		size_t at = repeat % 2 ? chart->setting_count - 1 - i : i;
 		struct chart_setting *setting = &chart->settings[at];
 		double p95_ms;
 
-		r = times_take(chart, setting, views_path, &p95_ms, &setting->triangles, why);
+		if (repeat >= SURE_REPEATS && is_beaten(chart, setting))
+			continue;
+		r = times_take(chart, setting, views_path, &p95_ms, why);
 		if (r < 0)
 			break;
 		setting->p95_ms[setting->repeat_count] = p95_ms;
@@ -336,27 +377,29 @@ static int repeat_measure(struct chart *chart, unsigned repeat, const char *view
 	return r;
 }
 
+/* Times are of one piece of the path: the one with most to draw, for which a frame rate has to hold. */
 static int times_measure(struct chart *chart, struct why *why)
 {
 	const struct chart_scene *scene = chart->scene;
+	const struct camera *timed = &scene->cameras[chart->timed_first];
 	char control_path[PATH_MAX];
 	char views_path[PATH_MAX];
-	struct camera *same = calloc(scene->camera_count, sizeof(*same));
+	struct camera *same = calloc(scene->burst, sizeof(*same));
 	int r;
 
 	if (!same)
 		return why_set(why, -ENOMEM, "out of memory");
-	for (size_t i = 0; i < scene->camera_count; i++) {
-		same[i] = scene->cameras[0];
-		same[i].time_s = (double)i;
+	for (size_t i = 0; i < scene->burst; i++) {
+		same[i] = timed[0];
+		same[i].time_s = timed[i].time_s;
 	}
 	(void)snprintf(control_path, sizeof(control_path), "%s/control.csv",
 		       chart->options->scratch);
 	(void)snprintf(views_path, sizeof(views_path), "%s/views.csv", chart->options->scratch);
-	r = path_write(control_path, same, scene->camera_count, why);
+	r = path_write(control_path, same, scene->burst, why);
 	free(same);
 	if (r == 0)
-		r = path_write(views_path, scene->cameras, scene->camera_count, why);
+		r = path_write(views_path, timed, scene->burst, why);
 	for (unsigned repeat = 0; r == 0 && repeat < chart->options->repeat_count; repeat++)
 		r = repeat_measure(chart, repeat, views_path, control_path, why);
 	return r;
@@ -364,26 +407,43 @@ static int times_measure(struct chart *chart, struct why *why)
 
 /* ---- all of it ---- */
 
+static void full_triangles_note(struct chart *chart, const double *triangles)
+{
+	size_t count = chart->scene->camera_count;
+	size_t burst = chart->scene->burst;
+	double most = -1.0;
+
+	for (size_t first = 0; first + burst <= count; first += burst) {
+		double sum = 0.0;
+
+		for (size_t i = first; i < first + burst; i++)
+			sum += triangles[i];
+		chart->full_triangles += sum / (double)count;
+		if (sum > most)
+			chart->timed_first = first;
+		most = fmax(most, sum);
+	}
+}
+
 int chart_init(struct chart *chart, const struct chart_options *options,
 	       const struct chart_scene *scene, struct why *why)
 {
 	size_t count = scene->camera_count;
-	char path[PATH_MAX];
-	double p95_ms;
+	double *triangles = calloc(count, sizeof(*triangles));
 	int r;
 
 	*chart = (struct chart){ .options = options, .scene = scene };
 	chart->items = calloc(count, sizeof(*chart->items));
 	chart->colours = calloc(count, sizeof(*chart->colours));
-	(void)snprintf(path, sizeof(path), "%s/views.csv", options->scratch);
-	if (!chart->items || !chart->colours)
+	if (!chart->items || !chart->colours || !triangles)
 		r = why_set(why, -ENOMEM, "out of memory");
 	else
-		r = pictures_take(chart, NULL, "triangle", chart->items, why);
+		r = pictures_take(chart, NULL, "triangle", chart->items, triangles, why);
 	if (r == 0)
-		r = pictures_take(chart, NULL, "colour", chart->colours, why);
+		r = pictures_take(chart, NULL, "colour", chart->colours, triangles, why);
 	if (r == 0)
-		r = times_take(chart, NULL, path, &p95_ms, &chart->full_triangles, why);
+		full_triangles_note(chart, triangles);
+	free(triangles);
 	if (r < 0)
 		chart_done(chart);
 	return r;
@@ -432,10 +492,9 @@ const char *chart_options_text(const struct chart_setting *setting, char *buffer
 	return buffer;
 }
 
-static void summarise(const struct chart *chart, struct chart_setting *setting)
+static void errors_summarise(const struct chart *chart, struct chart_setting *setting)
 {
 	double count = (double)chart->scene->camera_count;
-	double sorted[CHART_REPEAT_COUNT_MAX];
 
 	for (size_t i = 0; i < chart->scene->camera_count; i++) {
 		const struct chart_view *view_at = &setting->views[i];
@@ -449,6 +508,12 @@ static void summarise(const struct chart *chart, struct chart_setting *setting)
 		setting->wrong_of_all_worst =
 			fmax(setting->wrong_of_all_worst, view_at->wrong_of_all);
 	}
+}
+
+static void times_summarise(struct chart_setting *setting)
+{
+	double sorted[CHART_REPEAT_COUNT_MAX];
+
 	memcpy(sorted, setting->p95_ms, sizeof(sorted));
 	setting->ms = spread_of(sorted, setting->repeat_count);
 	memcpy(sorted, setting->p95_of_control, sizeof(sorted));
@@ -459,12 +524,14 @@ int chart_measure(struct chart *chart, struct why *why)
 {
 	int r = 0;
 
-	for (size_t i = 0; r == 0 && i < chart->setting_count; i++)
+	for (size_t i = 0; r == 0 && i < chart->setting_count; i++) {
 		r = setting_judge(chart, &chart->settings[i], why);
+		errors_summarise(chart, &chart->settings[i]);
+	}
 	if (r == 0)
 		r = times_measure(chart, why);
 	for (size_t i = 0; r == 0 && i < chart->setting_count; i++)
-		summarise(chart, &chart->settings[i]);
+		times_summarise(&chart->settings[i]);
 	return r;
 }
 
@@ -476,6 +543,7 @@ int chart_picture(const struct chart *chart, const struct chart_setting *setting
 	struct chart of_one = { .options = chart->options, .scene = &one };
 	float *map = calloc((size_t)exact->width * exact->height, sizeof(*map));
 	struct rgb_image picture = { .pixels = NULL };
+	double triangles;
 	struct flip *a = NULL;
 	struct flip *b = NULL;
 	int r = map ? 0 : why_set(why, -ENOMEM, "out of memory");
@@ -483,7 +551,7 @@ int chart_picture(const struct chart *chart, const struct chart_setting *setting
 	one.cameras = &chart->scene->cameras[view_index];
 	one.camera_count = 1;
 	if (r == 0)
-		r = pictures_take(&of_one, setting, "colour", &picture, why);
+		r = pictures_take(&of_one, setting, "colour", &picture, &triangles, why);
 	if (r == 0 && (flip_prepare(exact->pixels, exact->width, exact->height,
 				    FLIP_PIXELS_A_DEGREE, &a) < 0 ||
 		       flip_prepare(picture.pixels, exact->width, exact->height,

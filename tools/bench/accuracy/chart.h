@@ -4,9 +4,10 @@
  *
  * A *setting* is a position of all dials, as a command line of oocview.  Its pictures of the views of
  * a scene are compared with those of the full mode: pixels that show another triangle, colours that
- * differ, FLIP, and how much the error flickers from a frame to the next.  Its times are of settled
- * frames with everything in memory, taken in turn with all other settings and with a control that
- * always does the same work.
+ * differ, FLIP, and how much the error flickers from a frame to the next.  These are the same every
+ * time, and are found once.  Its times are of settled frames with everything in memory, of the piece of
+ * the path that has most to draw, taken in turn with all other settings and with a control that
+ * always does the same work; a setting that another beat every time is timed no more.
  *
  * Threads: the main thread.
  */
@@ -47,7 +48,7 @@ struct chart_setting {
 	double triangles; /* drawn a frame, mean */
 	double p95_ms[CHART_REPEAT_COUNT_MAX]; /* of each repeat */
 	double p95_of_control[CHART_REPEAT_COUNT_MAX];
-	size_t repeat_count;
+	size_t repeat_count; /* fewer than asked for where it was beaten */
 	/* Over the views and repeats. */
 	double wrong_of_covered_mean, wrong_of_covered_worst;
 	double wrong_of_all_mean, wrong_of_all_worst;
@@ -82,6 +83,7 @@ struct chart {
 	struct rgb_image *items;   /* of the full mode, a view */
 	struct rgb_image *colours; /* likewise */
 	double full_triangles;     /* a frame of the full mode, mean */
+	size_t timed_first;        /* the first view of the piece that is timed */
 };
 
 /**

@@ -13,9 +13,9 @@
 #include "tools/bench/accuracy/pareto.h"
 #include "tools/bench/base/plot.h"
 
-/* On logarithmic axes no error is drawn here. */
-#define ERROR_FLOOR 1e-6
-#define CELL_BYTES  64u
+/* On logarithmic axes no error is drawn so far below the least. */
+#define ZERO_SHARE 0.3
+#define CELL_BYTES 64u
 /* Thumbnails are no wider. */
 #define THUMBNAIL_WIDTH 280u
 
@@ -34,12 +34,12 @@ static double cost_triangles(const struct chart_setting *setting)
 
 static double error_items(const struct chart_setting *setting)
 {
-	return fmax(setting->wrong_of_covered_mean, ERROR_FLOOR);
+	return setting->wrong_of_covered_mean;
 }
 
 static double error_flip(const struct chart_setting *setting)
 {
-	return fmax(setting->flip_mean, ERROR_FLOOR);
+	return setting->flip_mean;
 }
 
 static void points_of(const struct chart *chart, struct pareto_point *ret)
@@ -74,7 +74,7 @@ static int csv_write(const struct chart *chart, const struct pareto_point *point
 	file = fopen(path, "we");
 	if (!file)
 		return why_errno(why, -errno, "%s", path);
-	fputs("setting,options,scale,p95_ms,p95_ms_low,p95_ms_high,p95_of_control,triangles,"
+	fputs("setting,options,scale,p95_ms,p95_ms_low,p95_ms_high,repeats,p95_of_control,triangles,"
 	      "wrong_of_covered,wrong_of_covered_worst,wrong_of_all,wrong_of_all_worst,"
 	      "colour_of_covered,flip,pop,front\n",
 	      file);
@@ -83,12 +83,12 @@ static int csv_write(const struct chart *chart, const struct pareto_point *point
 		char options[256];
 
 		fprintf(file,
-			"%s,%s,%g,%.4f,%.4f,%.4f,%.4f,%.0f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.4f,%d\n",
+			"%s,%s,%g,%.4f,%.4f,%.4f,%zu,%.4f,%.0f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.4f,%d\n",
 			at->name, chart_options_text(at, options, sizeof(options)), at->scale,
-			at->ms.median, at->ms.low, at->ms.high, at->of_control.median,
-			at->triangles, at->wrong_of_covered_mean, at->wrong_of_covered_worst,
-			at->wrong_of_all_mean, at->wrong_of_all_worst, at->colour_mean,
-			at->flip_mean, at->pop, points[i].is_on_front);
+			at->ms.median, at->ms.low, at->ms.high, at->repeat_count,
+			at->of_control.median, at->triangles, at->wrong_of_covered_mean,
+			at->wrong_of_covered_worst, at->wrong_of_all_mean, at->wrong_of_all_worst,
+			at->colour_mean, at->flip_mean, at->pop, points[i].is_on_front);
 	}
 	failed = ferror(file) != 0;
 	if (fclose(file) != 0 || failed)
@@ -111,11 +111,17 @@ static void cell(char ret[CELL_BYTES], const char *format, ...)
 static void table_write(const struct chart *chart, const struct pareto_point *points,
 			struct page *page)
 {
-	static const char *const heads[] = {
-		"setting", "p95 ms (spread)", "of control",   "k triangles", "wrong / covered %",
-		"worst %", "wrong / all %",   "colour > 8 %", "FLIP",        "pop",
-		NULL
-	};
+	static const char *const heads[] = { "setting",
+					     "p95 ms (spread; repeats)",
+					     "of control",
+					     "k triangles",
+					     "wrong / covered %",
+					     "worst %",
+					     "wrong / all %",
+					     "colour > 8 %",
+					     "FLIP",
+					     "pop",
+					     NULL };
 	enum {
 		COLUMNS = 10
 	};
@@ -127,7 +133,8 @@ static void table_write(const struct chart *chart, const struct pareto_point *po
 		const char *cells[COLUMNS + 1] = { NULL };
 
 		cell(texts[0], "%s", at->name);
-		cell(texts[1], "%.1f (%.1f to %.1f)", at->ms.median, at->ms.low, at->ms.high);
+		cell(texts[1], "%.1f (%.1f to %.1f; %zu)", at->ms.median, at->ms.low, at->ms.high,
+		     at->repeat_count);
 		cell(texts[2], "%.2f", at->of_control.median);
 		cell(texts[3], "%.0f", at->triangles * 1e-3);
 		cell(texts[4], "%.3f", 100.0 * at->wrong_of_covered_mean);
@@ -145,17 +152,73 @@ static void table_write(const struct chart *chart, const struct pareto_point *po
 
 /* ---- plots ---- */
 
-/* A curve for each method, from cheap to dear. */
-static int scatter_plot(const struct chart *chart, chart_value_fn x, chart_value_fn y,
-			const char *title, const char *x_label, const char *y_label,
-			const char *path, struct why *why)
+/* What a plot shows, by setting. */
+struct plane {
+	const char *file, *title, *x_label, *y_label;
+	chart_value_fn x, y;
+};
+
+static int compare_cost(const void *left, const void *right)
 {
-	struct plot_series series[CHART_SETTING_COUNT_MAX];
+	const struct pareto_point *a = left;
+	const struct pareto_point *b = right;
+
+	return a->cost < b->cost ? -1 : a->cost > b->cost;
+}
+
+/* What nothing beats in this plane, from cheap to dear.  Returns: how many. */
+static size_t front_of(const struct chart *chart, const struct plane *plane, double *ret_x,
+		       double *ret_y)
+{
+	struct pareto_point points[CHART_SETTING_COUNT_MAX];
+	size_t count = 0;
+
+	for (size_t i = 0; i < chart->setting_count; i++)
+		points[i] = (struct pareto_point){ .cost = plane->x(&chart->settings[i]),
+						   .error = plane->y(&chart->settings[i]) };
+	pareto_mark(points, chart->setting_count);
+	qsort(points, chart->setting_count, sizeof(points[0]), compare_cost);
+	for (size_t i = 0; i < chart->setting_count; i++) {
+		if (!points[i].is_on_front)
+			continue;
+		ret_x[count] = points[i].cost;
+		ret_y[count++] = points[i].error;
+	}
+	return count;
+}
+
+/* Where no error is drawn: a little below the least there is. */
+static double zero_of(const struct chart *chart, const struct plane *plane)
+{
+	double least = 1.0;
+
+	for (size_t i = 0; i < chart->setting_count; i++) {
+		double error = plane->y(&chart->settings[i]);
+
+		least = error > 0.0 ? fmin(least, error) : least;
+	}
+	return ZERO_SHARE * least;
+}
+
+/* A curve for each method, from cheap to dear, and behind them what nothing beats. */
+static int plane_plot(const struct chart *chart, const struct plane *plane, const char *path,
+		      struct why *why)
+{
+	struct plot_series series[CHART_SETTING_COUNT_MAX + 1];
 	double values[2][CHART_SETTING_COUNT_MAX];
-	const struct plot plot = { title, x_label, y_label, true, true, series, 0 };
-	struct plot filled = plot;
+	double front[2][CHART_SETTING_COUNT_MAX];
+	struct plot plot = { .title = plane->title,
+			     .x_label = plane->x_label,
+			     .y_label = plane->y_label,
+			     .x_is_log = true,
+			     .y_is_log = true,
+			     .series = series,
+			     .y_zero = zero_of(chart, plane) };
 	size_t used = 0;
 
+	series[plot.series_count++] =
+		(struct plot_series){ "nothing is better", front[0], front[1],
+				      front_of(chart, plane, front[0], front[1]), PLOT_FRONT };
 	for (size_t i = 0; i < chart->setting_count; i++) {
 		const char *method = chart->settings[i].method;
 		size_t begin = used;
@@ -166,40 +229,36 @@ static int scatter_plot(const struct chart *chart, chart_value_fn x, chart_value
 		for (size_t k = i; k < chart->setting_count; k++) {
 			if (strcmp(method, chart->settings[k].method) != 0)
 				break;
-			values[0][used] = x(&chart->settings[k]);
-			values[1][used++] = y(&chart->settings[k]);
+			values[0][used] = plane->x(&chart->settings[k]);
+			values[1][used++] = plane->y(&chart->settings[k]);
 		}
-		series[filled.series_count++] =
+		series[plot.series_count++] =
 			(struct plot_series){ method, values[0] + begin, values[1] + begin,
 					      used - begin, PLOT_BOTH };
 	}
-	return plot_write(path, &filled, why);
+	return plot_write(path, &plot, why);
 }
 
 static int plots_write(const struct chart *chart, struct page *page, const char *folder,
 		       const char *name, struct why *why)
 {
-	static const struct {
-		const char *file, *title, *x_label, *y_label;
-		chart_value_fn x, y;
-	} plots[] = {
-		{ "ms", "Accuracy against time", "ms a frame (p95)", "wrong / covered", cost_ms,
-		  error_items },
-		{ "triangles", "Accuracy against work", "triangles a frame", "wrong / covered",
-		  cost_triangles, error_items },
-		{ "flip", "Looks against time", "ms a frame (p95)", "mean FLIP", cost_ms,
-		  error_flip },
+	static const struct plane planes[] = {
+		{ "ms", "Accuracy against time", "milliseconds a frame (95th percentile)",
+		  "wrong pixels, share of the covered ones", cost_ms, error_items },
+		{ "triangles", "Accuracy against work", "triangles a frame",
+		  "wrong pixels, share of the covered ones", cost_triangles, error_items },
+		{ "flip", "Looks against time", "milliseconds a frame (95th percentile)",
+		  "mean FLIP", cost_ms, error_flip },
 	};
 
-	for (size_t i = 0; i < ARRAY_LENGTH(plots); i++) {
+	for (size_t i = 0; i < ARRAY_LENGTH(planes); i++) {
 		char path[PATH_MAX];
 		int r;
 
-		if (snprintf(path, sizeof(path), "%s/%s_%s.svg", folder, name, plots[i].file) >=
+		if (snprintf(path, sizeof(path), "%s/%s_%s.svg", folder, name, planes[i].file) >=
 		    (int)sizeof(path))
 			return why_set(why, -ENAMETOOLONG, "%s: too long a name", folder);
-		r = scatter_plot(chart, plots[i].x, plots[i].y, plots[i].title, plots[i].x_label,
-				 plots[i].y_label, path, why);
+		r = plane_plot(chart, &planes[i], path, why);
 		if (r == -ENOENT) {
 			page_paragraph(page, "%s.", why->text);
 			log_warning("chart: %s", why->text);
@@ -326,8 +385,10 @@ int chart_report(const struct chart *chart, struct page *page, const char *folde
 	page_paragraph(
 		page,
 		"%zu views of %u x %u in pieces of %zu frames; %.0f triangles a frame in the "
-		"full mode, which the others are compared with. %u repeats, taken in turn "
-		"with a control that always draws the same; medians. Bold: nothing is both "
+		"full mode, which the others are compared with. Times are of the piece with most "
+		"to draw: medians of %u repeats, taken in turn with a control that always draws "
+		"the same, or of fewer (in the table, how many) where another setting was quicker "
+		"every time and no more wrong. Bold: nothing is both "
 		"quicker and less wrong. The front rules out %.3f of the plane up to the full "
 		"mode's time and an error of everything.",
 		chart->scene->camera_count, chart->options->width, chart->options->height,

@@ -17,6 +17,7 @@ enum plot_style {
 	PLOT_POINTS,
 	PLOT_BOTH,
 	PLOT_STEPS,
+	PLOT_FRONT, /* a broad grey line in steps, for what the others are seen against */
 };
 
 /** One curve: count points, in order. */
@@ -36,6 +37,7 @@ struct plot {
 	bool y_is_log;
 	const struct plot_series *series;
 	size_t series_count;
+	double y_zero; /* on a logarithmic axis 0 is drawn at this height, and called so; 0: left out */
 };
 
 /**
