@@ -307,6 +307,46 @@ static void a_trembling_camera_changes_few_nodes(void **state)
 	stage_done(&stage);
 }
 
+/*
+ * Four times the model around the same rooms: a walk with a budget looks at as many nodes as before.
+ * (Not by transmittance: its rays are as long as the view is open.)
+ */
+static void work_grows_with_what_is_chosen_and_not_with_the_model(void **state)
+{
+	static const enum select_order walks[] = { SELECT_ORDER_LAYER, SELECT_ORDER_SOLIDITY,
+						   SELECT_ORDER_EXTINCTION };
+	const struct camera camera = { .eye = { 1, 2.7, 1.6 },
+				       .at = { 2, 3.7, 1.6 },
+				       .up = { 0, 0, 1 },
+				       .fov_y_degrees = 60 };
+	uint64_t visited[2][ARRAY_LENGTH(walks)];
+	uint64_t node_count[2];
+
+	(void)state;
+	for (int size = 0; size < 2; size++) {
+		struct scene_model model = { 0 };
+		struct camera_view view;
+		struct stage stage;
+
+		rooms(&model, size == 0 ? 4 : 8);
+		stage_make(&stage, &model, 40);
+		node_count[size] = stage.scene.superblock.node_count;
+		view = stage_look(&stage, &camera);
+		for (size_t o = 0; o < ARRAY_LENGTH(walks); o++) {
+			const struct select_options options = { walks[o], 1000 };
+			struct selection selection;
+
+			select_approximate(stage.selector, &view, &options, &selection);
+			assert_true(selection.budget_reached);
+			visited[size][o] = selection.nodes_visited;
+		}
+		stage_done(&stage);
+	}
+	assert_true(node_count[1] > 3 * node_count[0]);
+	for (size_t o = 0; o < ARRAY_LENGTH(walks); o++)
+		assert_true(4 * visited[1][o] <= 5 * visited[0][o]);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -315,6 +355,7 @@ int main(void)
 		cmocka_unit_test(a_sparse_soup_is_as_wrong_as_what_is_left_out),
 		cmocka_unit_test(a_corridor_of_doors_is_seen_to_its_end),
 		cmocka_unit_test(a_trembling_camera_changes_few_nodes),
+		cmocka_unit_test(work_grows_with_what_is_chosen_and_not_with_the_model),
 	};
 
 	return TEST_RUN(tests);
