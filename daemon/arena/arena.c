@@ -190,85 +190,89 @@ double arena_fragmentation(const struct arena *arena)
 	return 1.0 - (double)whole_pages / (double)free_pages;
 }
 
-static uint64_t run_age(struct pages_run run, arena_age_fn age, void *arg)
+static uint64_t run_cost(struct pages_run run, arena_cost_fn cost, void *arg)
 {
-	return run.owner == PAGES_FREE ? 0 : age(arg, run.owner);
+	return run.owner == PAGES_FREE ? 0 : cost(arg, run.owner);
+}
+
+static uint64_t add_cost(uint64_t a, uint64_t b)
+{
+	return a == ARENA_NEVER || b == ARENA_NEVER ? ARENA_NEVER : a + b;
 }
 
 int arena_window_around(const struct arena *arena, struct place place, uint32_t page_count,
-			arena_age_fn age, void *arg, struct window *ret)
+			arena_cost_fn cost, void *arg, struct window *ret)
 {
 	const struct pages *pages = arena->by_number[place.segment]->pages;
 	struct pages_run run = pages_run_at(pages, place.page);
 	uint32_t first = run.first;
 	uint32_t end = run.first + run.count;
-	uint64_t youngest = run_age(run, age, arg);
+	uint64_t sum = run_cost(run, cost, arg);
 
-	if (youngest == ARENA_NEVER || arena->by_number[place.segment]->draining)
+	if (sum == ARENA_NEVER || arena->by_number[place.segment]->draining)
 		return -ENOBUFS;
 	while (end - first < page_count) {
 		struct pages_run before = { 0 };
 		struct pages_run after = { 0 };
-		uint64_t before_age = ARENA_NEVER;
-		uint64_t after_age = ARENA_NEVER;
+		uint64_t before_cost = ARENA_NEVER;
+		uint64_t after_cost = ARENA_NEVER;
 
 		if (first > 0) {
 			before = pages_run_before(pages, first);
-			before_age = run_age(before, age, arg);
+			before_cost = run_cost(before, cost, arg);
 		}
 		if (end < pages_count(pages)) {
 			after = pages_run_at(pages, end);
-			after_age = run_age(after, age, arg);
+			after_cost = run_cost(after, cost, arg);
 		}
-		if (before_age == ARENA_NEVER && after_age == ARENA_NEVER)
+		if (before_cost == ARENA_NEVER && after_cost == ARENA_NEVER)
 			return -ENOBUFS;
-		if (before_age < after_age)
+		if (before_cost < after_cost)
 			first = before.first;
 		else
 			end = after.first + after.count;
-		youngest = u64_max(youngest, u64_min(before_age, after_age));
+		sum += u64_min(before_cost, after_cost);
 	}
-	*ret = (struct window){ place.segment, first, end - first, youngest };
+	*ret = (struct window){ place.segment, first, end - first, sum };
 	return 0;
 }
 
 /* Windows that begin at each run in turn, in one segment. */
 static void segment_window_best(const struct segment *segment, uint32_t page_count,
-				arena_age_fn age, void *arg, struct window *best)
+				arena_cost_fn cost, void *arg, struct window *best)
 {
 	const struct pages *pages = segment->pages;
 	uint32_t first = 0;
 
-	while (first < pages_count(pages)) {
+	/* Nothing costs less than nothing. */
+	while (first < pages_count(pages) && best->cost > 0) {
 		uint32_t end = first;
-		uint64_t youngest = 0;
+		uint64_t sum = 0;
 		uint64_t one = 0;
 
-		while (end < pages_count(pages) && end - first < page_count) {
+		while (end < pages_count(pages) && end - first < page_count && sum < best->cost) {
 			struct pages_run run = pages_run_at(pages, end);
 
-			one = run_age(run, age, arg);
-			youngest = u64_max(youngest, one);
+			one = run_cost(run, cost, arg);
+			sum = add_cost(sum, one);
 			end += run.count;
-			/* Nothing that begins before or at it can do better than what is known. */
-			if (youngest >= best->youngest && one == youngest)
-				break;
 		}
-		if (youngest < best->youngest && end - first >= page_count)
-			*best = (struct window){ segment->number, first, end - first, youngest };
-		first = one >= best->youngest ? end : first + pages_run_at(pages, first).count;
+		if (sum < best->cost && end - first >= page_count)
+			*best = (struct window){ segment->number, first, end - first, sum };
+		/* Nothing that begins before or at a run that costs too much alone is better. */
+		first = one >= best->cost ? end : first + pages_run_at(pages, first).count;
 	}
 }
 
-int arena_window_best(const struct arena *arena, uint32_t page_count, arena_age_fn age, void *arg,
+int arena_window_best(const struct arena *arena, uint32_t page_count, arena_cost_fn cost, void *arg,
 		      struct window *ret)
 {
-	struct window best = { .youngest = ARENA_NEVER };
+	struct window best = { .cost = ARENA_NEVER };
 
 	LIST_FOR_EACH (link, &arena->in_order)
 		if (!ARENA_SEGMENT(link)->draining)
-			segment_window_best(ARENA_SEGMENT(link), page_count, age, arg, &best);
-	if (best.youngest == ARENA_NEVER)
+			segment_window_best(ARENA_SEGMENT(link), page_count, cost, arg, &best);
+	if (best.cost == ARENA_NEVER)
 		return -ENOBUFS;
 	*ret = best;
 	return 0;

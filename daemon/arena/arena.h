@@ -99,11 +99,12 @@ uint64_t arena_free_pages(const struct arena *arena);
 double arena_fragmentation(const struct arena *arena);
 
 /**
- * When an owner may be thrown out.
+ * What is lost when an owner is thrown out.
  *
- * Returns: its age stamp, smaller is older, or ARENA_NEVER.
+ * Returns: so little that all owners of a segment cost less than ARENA_NEVER together, or ARENA_NEVER
+ * when it may not be.
  */
-typedef uint64_t (*arena_age_fn)(void *arg, uint32_t owner);
+typedef uint64_t (*arena_cost_fn)(void *arg, uint32_t owner);
 #define ARENA_NEVER UINT64_MAX
 
 /** Neighbouring runs, each free or evictable. */
@@ -111,25 +112,25 @@ struct window {
 	uint32_t segment;
 	uint32_t first;
 	uint32_t page_count;
-	uint64_t youngest; /* age stamp of its youngest owner */
+	uint64_t cost; /* of all its owners together */
 };
 
 /**
- * Widens the run at `place` to a window of at least page_count pages, always over the older of its
+ * Widens the run at `place` to a window of at least page_count pages, always over the cheaper of its
  * two neighbours.
  *
  * Returns: 0, or -ENOBUFS when what may not be thrown out stands too near.  Cost: O(runs in it).
  */
 int arena_window_around(const struct arena *arena, struct place place, uint32_t page_count,
-			arena_age_fn age, void *arg, struct window *ret);
+			arena_cost_fn cost, void *arg, struct window *ret);
 
 /**
- * The window of at least page_count pages whose youngest owner is the oldest, of all windows there
- * are: the arena is full for page_count exactly when there is none.
+ * The cheapest window of at least page_count pages of all there are: the arena is full for page_count
+ * exactly when there is none.
  *
- * Returns: 0 or -ENOBUFS.  Cost: O(runs of the arena).
+ * Returns: 0 or -ENOBUFS.  Cost: O(runs of the arena) as a rule, times the runs of a window at worst.
  */
-int arena_window_best(const struct arena *arena, uint32_t page_count, arena_age_fn age, void *arg,
+int arena_window_best(const struct arena *arena, uint32_t page_count, arena_cost_fn cost, void *arg,
 		      struct window *ret);
 
 /** Asserts counts and each segment's runs.  O(runs). */

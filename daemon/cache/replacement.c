@@ -5,63 +5,58 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "daemon/cache/reuse.h"
 #include "formats/base/bytes.h"
 #include "formats/base/check.h"
 
 #define SLOT_NONE UINT32_MAX
-
-/* Ages in bins, four an octave. */
-#define BIN_COUNT 128u
-#define BIN_BITS  2u
-/* Ages after which a node was wanted again, the last of them. */
-#define GAP_COUNT 8u
-/*
- * Kinds of nodes that are learned apart: new, prefetched, wanted again after about how long, and those
- * that have been here before: what came after the last gap that was like the last one will come again.
- */
-#define KIND_NEW        0u
-#define KIND_PREFETCHED 1u
-#define KIND_GAP        2u
-#define BINS_A_GAP      16u
-#define KIND_NEXT       (KIND_GAP + BIN_COUNT / BINS_A_GAP)
-#define BINS_A_NEXT     4u
-#define KIND_COUNT      (KIND_NEXT + BIN_COUNT / BINS_A_NEXT)
-/* What all nodes did counts as so many cases for each kind, until it has cases of its own. */
-#define PRIOR_CASES 8.0f
-/* Cases between two looks at what was learned. */
-#define LEARN_CASES 256u
-/* What was learned counts half after so many cases, and two more for each node of the store. */
-#define HALVE_CASES 8192u
-/* Nodes that are looked at, at random, for one to go. */
+/* Nodes that an imagined cache looks at, at random, for one to go. */
 #define SAMPLE_COUNT 64u
+/* The other leads when it would have read so much less than the leader. */
+#define LEAD_SHARE 0.97
+/* What was read counts half when more than so many times the cache was. */
+#define MEMORY_ROOMS 4.0
+/* Wants a page and page of time of 1, as an integer. */
+#define WORTH_ONE 4294967296.0
+/* What nothing is known of goes by its age. */
+#define TIE_SHARE (1.0 / 65536)
 
-/* A node's past. */
-struct past {
-	uint64_t let_go;         /* when, last; 0: never */
-	uint32_t slot;           /* in `free`; SLOT_NONE: it may not go */
-	uint8_t gaps[GAP_COUNT]; /* bins, the last one first */
-	uint8_t gap_count;
-	uint8_t kind;
-	bool is_open; /* a case: let go, and not wanted again yet */
+/* Indices of nodes, in no order. */
+struct pool {
+	uint32_t count;
+	uint32_t *nodes;
+	uint32_t *slots; /* of each node, in `nodes`; SLOT_NONE: it is not there */
+};
+
+/* How an imagined cache evicts. */
+enum way {
+	WAY_LRU,
+	WAY_REUSE,
+	WAY_COUNT_
+};
+
+struct imagined {
+	struct pool free; /* what is in it and not held */
+	bool *is_in;      /* of each node */
+	uint64_t used_pages;
+	double read_pages; /* of late */
+};
+
+struct member {
+	uint64_t let_go; /* when, last; 0: never */
+	uint32_t pages;
 };
 
 struct replacement {
 	uint32_t node_count;
 	uint64_t clock; /* pages let go */
 	uint64_t random;
-
-	uint32_t free_count;
-	uint32_t *free; /* nodes that may go, in no order */
-
-	/* What was learned: of cases that began, how many ended at which age. */
-	float begun[KIND_COUNT];
-	float ended[KIND_COUNT][BIN_COUNT];
-	uint32_t cases;       /* since the values were made */
-	uint32_t halve_cases; /* since all was halved */
-	/* What keeping a node of an age is worth: wants a page and page of time. */
-	float values[KIND_COUNT][BIN_COUNT + 1];
-
-	struct past pasts[]; /* node_count */
+	uint64_t room_pages;
+	struct pool free; /* what may really go */
+	struct imagined imagined[WAY_COUNT_];
+	enum way leader;
+	struct reuse *reuse;
+	struct member members[]; /* node_count */
 };
 
 static const char *const names[REPLACEMENT_COUNT_] = {
@@ -87,286 +82,52 @@ int replacement_find(const char *name, enum replacement_policy *ret)
 	return -EINVAL;
 }
 
-int replacement_create(enum replacement_policy policy, uint32_t node_count,
-		       struct replacement **ret)
-{
-	struct replacement *replacement;
+/* ---- pools ---- */
 
-	*ret = NULL;
-	if (policy == REPLACEMENT_lru)
-		return 0;
-	replacement = calloc(1, sizeof(*replacement) +
-					(size_t)node_count * sizeof(replacement->pasts[0]));
-	if (!replacement)
+static int pool_init(struct pool *pool, uint32_t node_count)
+{
+	pool->nodes = calloc((size_t)node_count + 1, sizeof(*pool->nodes));
+	pool->slots = malloc(((size_t)node_count + 1) * sizeof(*pool->slots));
+	if (!pool->nodes || !pool->slots)
 		return -ENOMEM;
-	replacement->free = malloc((size_t)node_count * sizeof(*replacement->free) + 1);
-	if (!replacement->free) {
-		free(replacement);
-		return -ENOMEM;
-	}
-	replacement->node_count = node_count;
-	replacement->random = UINT64_C(0x9e3779b97f4a7c15);
-	for (uint32_t i = 0; i < node_count; i++)
-		replacement->pasts[i].slot = SLOT_NONE;
-	*ret = replacement;
+	memset(pool->slots, 0xff, (size_t)node_count * sizeof(*pool->slots));
 	return 0;
 }
 
-struct replacement *replacement_destroy(struct replacement *replacement)
+static void pool_done(struct pool *pool)
 {
-	if (!replacement)
-		return NULL;
-	free(replacement->free);
-	free(replacement);
-	return NULL;
+	free(pool->nodes);
+	free(pool->slots);
 }
 
-/* ---- ages ---- */
-
-static uint32_t bin_of(uint64_t age)
+static bool pool_has(const struct pool *pool, uint32_t index)
 {
-	uint32_t log2;
-
-	if (age < 1u << BIN_BITS)
-		return (uint32_t)age;
-	log2 = 63u - (uint32_t)__builtin_clzll(age);
-	return (uint32_t)u64_min(((log2 - BIN_BITS + 1u) << BIN_BITS) +
-					 ((age >> (log2 - BIN_BITS)) & ((1u << BIN_BITS) - 1u)),
-				 BIN_COUNT - 1);
+	return pool->slots[index] != SLOT_NONE;
 }
 
-/* The least age of a bin. */
-static float bin_begin(uint32_t bin)
+static void pool_add(struct pool *pool, uint32_t index)
 {
-	uint32_t octave = bin >> BIN_BITS;
-
-	if (octave == 0)
-		return (float)bin;
-	return (float)((uint64_t)((1u << BIN_BITS) + (bin & ((1u << BIN_BITS) - 1u)))
-		       << (octave - 1));
+	CHECK(!pool_has(pool, index));
+	pool->slots[index] = pool->count;
+	pool->nodes[pool->count++] = index;
 }
 
-/* ---- learning ---- */
-
-/* All that was learned, of all kinds together, as PRIOR_CASES cases. */
-static void make_prior(const struct replacement *replacement, float *ret_begun, float *ret_ended)
+static void pool_remove(struct pool *pool, uint32_t index)
 {
-	float begun = 0;
+	uint32_t last;
 
-	memset(ret_ended, 0, BIN_COUNT * sizeof(*ret_ended));
-	for (uint32_t kind = 0; kind < KIND_COUNT; kind++) {
-		begun += replacement->begun[kind];
-		for (uint32_t bin = 0; bin < BIN_COUNT; bin++)
-			ret_ended[bin] += replacement->ended[kind][bin];
-	}
-	*ret_begun = begun > 0 ? PRIOR_CASES : 0;
-	for (uint32_t bin = 0; bin < BIN_COUNT && begun > 0; bin++)
-		ret_ended[bin] *= PRIOR_CASES / begun;
+	CHECK(pool_has(pool, index));
+	last = pool->nodes[--pool->count];
+	pool->nodes[pool->slots[index]] = last;
+	pool->slots[last] = pool->slots[index];
+	pool->slots[index] = SLOT_NONE;
 }
 
-/*
- * What it is worth to keep a node that has reached a bin: of all horizons the best rate of cases that
- * end before it, for the time that nodes stay until they are wanted or the horizon is reached.
- */
-static float value_at(const float *ended, float at_risk, uint32_t bin)
+static void pool_check(const struct pool *pool, uint32_t node_count)
 {
-	float begin = bin_begin(bin);
-	float wanted = 0;
-	float time = 0; /* of those that are wanted before the horizon */
-	float best = 0;
-
-	for (uint32_t at = bin; at < BIN_COUNT; at++) {
-		float end = bin_begin(at + 1);
-
-		if (ended[at] == 0)
-			continue;
-		wanted += ended[at];
-		time += ended[at] * (0.5f * (bin_begin(at) + end) - begin);
-		best = wanted > best * (time + (at_risk - wanted) * (end - begin))
-			       ? wanted / (time + (at_risk - wanted) * (end - begin))
-			       : best;
-	}
-	return best;
-}
-
-static void learn(struct replacement *replacement)
-{
-	float prior_ended[BIN_COUNT];
-	float prior_begun;
-
-	make_prior(replacement, &prior_begun, prior_ended);
-	for (uint32_t kind = 0; kind < KIND_COUNT; kind++) {
-		float at_risk = replacement->begun[kind] + prior_begun;
-		float ended[BIN_COUNT];
-
-		for (uint32_t bin = 0; bin < BIN_COUNT; bin++)
-			ended[bin] = replacement->ended[kind][bin] + prior_ended[bin];
-		for (uint32_t bin = 0; bin < BIN_COUNT; bin++) {
-			replacement->values[kind][bin] = value_at(ended, at_risk, bin);
-			at_risk -= ended[bin];
-		}
-		replacement->values[kind][BIN_COUNT] = 0;
-	}
-	replacement->cases = 0;
-}
-
-static void halve(struct replacement *replacement)
-{
-	for (uint32_t kind = 0; kind < KIND_COUNT; kind++) {
-		replacement->begun[kind] *= 0.5f;
-		for (uint32_t bin = 0; bin < BIN_COUNT; bin++)
-			replacement->ended[kind][bin] *= 0.5f;
-	}
-	replacement->halve_cases = 0;
-}
-
-/* Bins so near count as the same gap. */
-static bool is_like(uint8_t a, uint8_t b)
-{
-	return a <= b + 1 && b <= a + 1;
-}
-
-static uint8_t kind_of(const struct past *past)
-{
-	if (past->gap_count == 0)
-		return KIND_NEW;
-	for (unsigned i = 1; i < past->gap_count; i++)
-		if (is_like(past->gaps[i], past->gaps[0]))
-			return (uint8_t)(KIND_NEXT + past->gaps[i - 1] / BINS_A_NEXT);
-	return (uint8_t)(KIND_GAP + past->gaps[0] / BINS_A_GAP);
-}
-
-static void begin_case(struct replacement *replacement, struct past *past, bool was_used)
-{
-	past->kind = was_used ? kind_of(past) : KIND_PREFETCHED;
-	past->is_open = true;
-	replacement->begun[past->kind]++;
-	if (++replacement->halve_cases > HALVE_CASES + 2 * (uint64_t)replacement->node_count)
-		halve(replacement);
-	if (++replacement->cases == LEARN_CASES)
-		learn(replacement);
-}
-
-static void end_case(struct replacement *replacement, struct past *past)
-{
-	uint32_t bin = bin_of(replacement->clock - past->let_go);
-
-	past->is_open = false;
-	replacement->ended[past->kind][bin]++;
-	memmove(past->gaps + 1, past->gaps, GAP_COUNT - 1);
-	past->gaps[0] = (uint8_t)bin;
-	past->gap_count += past->gap_count < GAP_COUNT;
-}
-
-/* ---- what may go ---- */
-
-static void add(struct replacement *replacement, uint32_t index)
-{
-	struct past *past = &replacement->pasts[index];
-
-	CHECK(past->slot == SLOT_NONE);
-	past->slot = replacement->free_count;
-	replacement->free[replacement->free_count++] = index;
-}
-
-static void remove_slot(struct replacement *replacement, uint32_t index)
-{
-	struct past *past = &replacement->pasts[index];
-	uint32_t last = replacement->free[--replacement->free_count];
-
-	replacement->free[past->slot] = last;
-	replacement->pasts[last].slot = past->slot;
-	past->slot = SLOT_NONE;
-}
-
-void replacement_let_go(struct replacement *replacement, uint32_t index, uint32_t pages,
-			bool was_used)
-{
-	struct past *past = &replacement->pasts[index];
-
-	CHECK(index < replacement->node_count);
-	replacement->clock += pages;
-	past->let_go = replacement->clock;
-	add(replacement, index);
-	begin_case(replacement, past, was_used);
-}
-
-void replacement_use(struct replacement *replacement, uint32_t index)
-{
-	struct past *past = &replacement->pasts[index];
-
-	CHECK(index < replacement->node_count);
-	if (past->slot != SLOT_NONE)
-		remove_slot(replacement, index);
-	if (past->is_open)
-		end_case(replacement, past);
-}
-
-void replacement_evict(struct replacement *replacement, uint32_t index)
-{
-	CHECK(index < replacement->node_count);
-	CHECK(replacement->pasts[index].slot != SLOT_NONE);
-	remove_slot(replacement, index);
-}
-
-uint32_t replacement_count(const struct replacement *replacement)
-{
-	return replacement->free_count;
-}
-
-bool replacement_has(const struct replacement *replacement, uint32_t index)
-{
-	return replacement->pasts[index].slot != SLOT_NONE;
-}
-
-/* ---- the order ---- */
-
-uint64_t replacement_rank(const struct replacement *replacement, uint32_t index)
-{
-	const struct past *past = &replacement->pasts[index];
-	uint64_t age = replacement->clock - past->let_go;
-	const float *values = replacement->values[past->kind];
-	uint32_t bin = bin_of(age);
-	float begin = bin_begin(bin);
-	uint32_t bits;
-	float value;
-
-	value = values[bin] + (values[bin + 1] - values[bin]) * ((float)age - begin) /
-				      (bin_begin(bin + 1) - begin);
-	/* Floats that are not negative are in the order of their bits; what is worth the same goes by age. */
-	value = value > 0 ? value : 0;
-	memcpy(&bits, &value, sizeof(bits));
-	return ((uint64_t)bits << 32 | (uint32_t)past->let_go) + 1;
-}
-
-/* The best so far, in order. */
-struct best {
-	uint32_t *nodes;
-	uint64_t ranks[SAMPLE_COUNT];
-	uint32_t count;
-	uint32_t count_max;
-};
-
-static void offer(const struct replacement *replacement, uint32_t index, struct best *best)
-{
-	uint64_t rank = replacement_rank(replacement, index);
-	uint32_t at = best->count;
-
-	for (uint32_t i = 0; i < best->count; i++)
-		if (best->nodes[i] == index)
-			return;
-	if (best->count == best->count_max && rank >= best->ranks[best->count - 1])
-		return;
-	if (best->count < best->count_max)
-		best->count++;
-	else
-		at--;
-	for (; at > 0 && best->ranks[at - 1] > rank; at--) {
-		best->ranks[at] = best->ranks[at - 1];
-		best->nodes[at] = best->nodes[at - 1];
-	}
-	best->ranks[at] = rank;
-	best->nodes[at] = index;
+	CHECK(pool->count <= node_count);
+	for (uint32_t i = 0; i < pool->count; i++)
+		CHECK(pool->slots[pool->nodes[i]] == i);
 }
 
 static uint64_t next_random(struct replacement *replacement)
@@ -377,37 +138,257 @@ static uint64_t next_random(struct replacement *replacement)
 	return replacement->random;
 }
 
-/* The order changes as nodes age, so there is no list of it: the best of a sample go. */
-uint32_t replacement_candidates(struct replacement *replacement, uint32_t *ret, uint32_t count_max)
+/* All of a pool if that is few, else some. */
+static uint32_t pool_sample(struct replacement *replacement, const struct pool *pool, uint32_t *ret,
+			    uint32_t count_max)
 {
-	struct best best = { .nodes = ret };
-	bool is_all = replacement->free_count <= SAMPLE_COUNT;
+	if (pool->count <= count_max) {
+		memcpy(ret, pool->nodes, pool->count * sizeof(*ret));
+		return pool->count;
+	}
+	for (uint32_t i = 0; i < count_max; i++)
+		ret[i] = pool->nodes[next_random(replacement) % pool->count];
+	return count_max;
+}
 
-	best.count_max = (uint32_t)u64_min(count_max, SAMPLE_COUNT);
-	if (count_max == 0 || replacement->free_count == 0)
+/* ---- what a page is worth ---- */
+
+static double lru_value(uint64_t age)
+{
+	return 1.0 / ((double)age + 1.0);
+}
+
+static double value_of(const struct replacement *replacement, enum way way, uint32_t index)
+{
+	uint64_t age = replacement->clock - replacement->members[index].let_go;
+
+	if (way == WAY_LRU)
+		return lru_value(age);
+	return reuse_value(replacement->reuse, index, age) + TIE_SHARE * lru_value(age);
+}
+
+static uint64_t worth_of(double value)
+{
+	return (uint64_t)(value * WORTH_ONE) + 1;
+}
+
+uint64_t replacement_lru_worth(uint64_t age)
+{
+	return worth_of(lru_value(age));
+}
+
+uint64_t replacement_worth(const struct replacement *replacement, uint32_t index)
+{
+	return worth_of(value_of(replacement, WAY_REUSE, index));
+}
+
+bool replacement_is_lru(const struct replacement *replacement)
+{
+	return !replacement || replacement->leader == WAY_LRU;
+}
+
+/* ---- imagined caches ---- */
+
+static void imagine_eviction(struct replacement *replacement, enum way way)
+{
+	struct imagined *imagined = &replacement->imagined[way];
+	uint32_t sample[SAMPLE_COUNT];
+	uint32_t count = pool_sample(replacement, &imagined->free, sample, SAMPLE_COUNT);
+	uint32_t worst = sample[0];
+	double least = value_of(replacement, way, worst);
+
+	for (uint32_t i = 1; i < count; i++) {
+		double value = value_of(replacement, way, sample[i]);
+
+		if (value >= least)
+			continue;
+		least = value;
+		worst = sample[i];
+	}
+	pool_remove(&imagined->free, worst);
+	imagined->is_in[worst] = false;
+	imagined->used_pages -= replacement->members[worst].pages;
+}
+
+static void imagine_fill(struct replacement *replacement, enum way way, uint32_t index)
+{
+	struct imagined *imagined = &replacement->imagined[way];
+
+	imagined->is_in[index] = true;
+	imagined->used_pages += replacement->members[index].pages;
+	while (imagined->used_pages > replacement->room_pages && imagined->free.count > 0)
+		imagine_eviction(replacement, way);
+}
+
+static void imagine_use(struct replacement *replacement, enum way way, uint32_t index)
+{
+	struct imagined *imagined = &replacement->imagined[way];
+
+	if (pool_has(&imagined->free, index))
+		pool_remove(&imagined->free, index);
+	if (imagined->is_in[index])
+		return;
+	imagined->read_pages += replacement->members[index].pages;
+	imagine_fill(replacement, way, index);
+}
+
+/* What was prefetched may have to come first. */
+static void imagine_let_go(struct replacement *replacement, enum way way, uint32_t index)
+{
+	struct imagined *imagined = &replacement->imagined[way];
+
+	if (!imagined->is_in[index])
+		imagine_fill(replacement, way, index);
+	if (!pool_has(&imagined->free, index))
+		pool_add(&imagined->free, index);
+}
+
+static void choose_leader(struct replacement *replacement)
+{
+	struct imagined *leader = &replacement->imagined[replacement->leader];
+	enum way other_way = replacement->leader == WAY_LRU ? WAY_REUSE : WAY_LRU;
+	struct imagined *other = &replacement->imagined[other_way];
+
+	if (leader->read_pages + other->read_pages >
+	    2 * MEMORY_ROOMS * (double)replacement->room_pages) {
+		leader->read_pages *= 0.5;
+		other->read_pages *= 0.5;
+	}
+	if (other->read_pages < LEAD_SHARE * leader->read_pages)
+		replacement->leader = other_way;
+}
+
+/* ---- the interface ---- */
+
+static int init_parts(struct replacement *replacement)
+{
+	uint32_t count = replacement->node_count;
+	int r = reuse_create(count, &replacement->reuse);
+
+	if (r == 0)
+		r = pool_init(&replacement->free, count);
+	for (unsigned way = 0; r == 0 && way < WAY_COUNT_; way++) {
+		replacement->imagined[way].is_in = calloc((size_t)count + 1, sizeof(bool));
+		r = replacement->imagined[way].is_in
+			    ? pool_init(&replacement->imagined[way].free, count)
+			    : -ENOMEM;
+	}
+	return r;
+}
+
+int replacement_create(enum replacement_policy policy, uint32_t node_count,
+		       struct replacement **ret)
+{
+	struct replacement *replacement;
+	int r;
+
+	*ret = NULL;
+	if (policy == REPLACEMENT_lru)
 		return 0;
-	for (uint32_t i = 0; i < (is_all ? replacement->free_count : SAMPLE_COUNT); i++)
-		offer(replacement,
-		      replacement
-			      ->free[is_all ? i
-					    : next_random(replacement) % replacement->free_count],
-		      &best);
-	return best.count;
+	replacement = calloc(1, sizeof(*replacement) +
+					(size_t)node_count * sizeof(replacement->members[0]));
+	if (!replacement)
+		return -ENOMEM;
+	replacement->node_count = node_count;
+	replacement->random = UINT64_C(0x9e3779b97f4a7c15);
+	r = init_parts(replacement);
+	if (r < 0)
+		replacement = replacement_destroy(replacement);
+	*ret = replacement;
+	return r;
+}
+
+struct replacement *replacement_destroy(struct replacement *replacement)
+{
+	if (!replacement)
+		return NULL;
+	for (unsigned way = 0; way < WAY_COUNT_; way++) {
+		pool_done(&replacement->imagined[way].free);
+		free(replacement->imagined[way].is_in);
+	}
+	pool_done(&replacement->free);
+	replacement->reuse = reuse_destroy(replacement->reuse);
+	free(replacement);
+	return NULL;
+}
+
+void replacement_use(struct replacement *replacement, uint32_t index, uint32_t pages,
+		     uint64_t room_pages)
+{
+	struct member *member = &replacement->members[index];
+
+	CHECK(index < replacement->node_count);
+	member->pages = pages;
+	replacement->room_pages = room_pages;
+	if (pool_has(&replacement->free, index))
+		pool_remove(&replacement->free, index);
+	reuse_end(replacement->reuse, index, replacement->clock - member->let_go);
+	for (unsigned way = 0; way < WAY_COUNT_; way++)
+		imagine_use(replacement, (enum way)way, index);
+	choose_leader(replacement);
+}
+
+void replacement_let_go(struct replacement *replacement, uint32_t index, uint32_t pages,
+			bool was_used)
+{
+	struct member *member = &replacement->members[index];
+
+	CHECK(index < replacement->node_count);
+	member->pages = pages;
+	replacement->clock += pages;
+	member->let_go = replacement->clock;
+	pool_add(&replacement->free, index);
+	reuse_begin(replacement->reuse, index, was_used);
+	for (unsigned way = 0; way < WAY_COUNT_; way++)
+		imagine_let_go(replacement, (enum way)way, index);
+}
+
+void replacement_evict(struct replacement *replacement, uint32_t index)
+{
+	CHECK(index < replacement->node_count);
+	pool_remove(&replacement->free, index);
+}
+
+void replacement_fail(struct replacement *replacement, uint32_t index)
+{
+	CHECK(index < replacement->node_count);
+	for (unsigned way = 0; way < WAY_COUNT_; way++) {
+		struct imagined *imagined = &replacement->imagined[way];
+
+		if (!imagined->is_in[index] || pool_has(&imagined->free, index))
+			continue;
+		imagined->is_in[index] = false;
+		imagined->used_pages -= replacement->members[index].pages;
+	}
+}
+
+uint32_t replacement_sample(struct replacement *replacement, uint32_t *ret, uint32_t count_max)
+{
+	return pool_sample(replacement, &replacement->free, ret, count_max);
+}
+
+uint32_t replacement_count(const struct replacement *replacement)
+{
+	return replacement->free.count;
+}
+
+bool replacement_has(const struct replacement *replacement, uint32_t index)
+{
+	return pool_has(&replacement->free, index);
 }
 
 void replacement_check(const struct replacement *replacement)
 {
-	uint32_t count = 0;
+	pool_check(&replacement->free, replacement->node_count);
+	for (unsigned way = 0; way < WAY_COUNT_; way++) {
+		const struct imagined *imagined = &replacement->imagined[way];
+		uint64_t used_pages = 0;
 
-	for (uint32_t i = 0; i < replacement->node_count; i++) {
-		const struct past *past = &replacement->pasts[i];
-
-		CHECK(past->let_go <= replacement->clock);
-		if (past->slot == SLOT_NONE)
-			continue;
-		CHECK(past->slot < replacement->free_count);
-		CHECK(replacement->free[past->slot] == i);
-		count++;
+		pool_check(&imagined->free, replacement->node_count);
+		for (uint32_t i = 0; i < replacement->node_count; i++) {
+			CHECK(imagined->is_in[i] || !pool_has(&imagined->free, i));
+			used_pages += imagined->is_in[i] ? replacement->members[i].pages : 0;
+		}
+		CHECK(used_pages == imagined->used_pages);
 	}
-	CHECK(count == replacement->free_count);
 }

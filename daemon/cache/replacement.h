@@ -4,23 +4,21 @@
  *
  * One object a store, or none for LRU, for which the cache's list is enough.  It knows nodes by index,
  * their pages, when each was let go and when it was wanted again.  It does no I/O, reads no clock, and
- * does the same after the same calls: the daemon and `oocbench replay` use it alike.  It says who should go first, not who goes: the cache makes room
- * in windows of neighbours (arena.h), compares them by replacement_rank(), and holds come first.
+ * does the same after the same calls: the daemon and `oocbench replay` use it alike.  It says what each
+ * is worth, not who goes: the cache makes room in windows of neighbours (arena.h), and holds come first.
  *
  * Time is counted in pages let go, so that nothing ages while nothing happens.
  *
- *	lru    the one unused for the longest goes first
- *	reuse  the one goes first for which keeping it pays least: the chance that it is wanted again,
- *	       for the time that it would have to stay until then.  What the chance is at which age is
- *	       learned, for nodes of a kind together: of a kind are those of which, by their own past,
- *	       the same gap is to be expected.  Nodes that were evicted teach as well: a store's nodes
- *	       are known and few, so the past of each is kept.
+ *	reuse  two caches are imagined beside the real one, as large as it: one evicts as LRU does, the
+ *	       other what reuse.h says is worth least.  Only who would be in them is kept, and what they
+ *	       would have read of late.  The one that leads says who really goes: LRU, until the other
+ *	       would have read 3 % less, and the other until LRU would have.
+ *	lru    what was not used for the longest goes first
  *
- * Source: LRU, Bach (1986), sec. 3.2.  reuse: hit density, Beckmann, Chen & Cidon, "LHD: Improving Cache
- *	Hit Rate by Maximizing Hit Density", NSDI 2018; with the best horizon of Gittins (1979) in
- *	place of the mean lifetime, and with the whole history in place of that of residents.
+ * Source: LRU, Bach (1986), sec. 3.2.  Imagined caches: Gramacy, Warmuth, Brandt & Ari, "Adaptive
+ *	Caching by Refetching", NIPS 2002; here of two policies, with a margin in place of weights.
  *
- * Threads: loop thread.  Memory: 28 bytes a node, at creation.
+ * Threads: loop thread.  Memory: 66 bytes a node, at creation.
  */
 #ifndef DAEMON_CACHE_REPLACEMENT_H
 #define DAEMON_CACHE_REPLACEMENT_H
@@ -29,7 +27,7 @@
 #include <stdint.h>
 
 /* One X(name) for each policy, the usual one first. */
-#define REPLACEMENTS(X) X(lru) X(reuse)
+#define REPLACEMENTS(X) X(reuse) X(lru)
 
 enum replacement_policy {
 #define REPLACEMENT_VALUE(name) REPLACEMENT_##name,
@@ -38,7 +36,7 @@ enum replacement_policy {
 	REPLACEMENT_COUNT_
 };
 
-/** "lru".  Never NULL. */
+/** "reuse".  Never NULL. */
 const char *replacement_name(enum replacement_policy policy);
 /** Returns: 0, or -EINVAL when there is no policy of that name. */
 int replacement_find(const char *name, enum replacement_policy *ret);
@@ -60,25 +58,37 @@ struct replacement *replacement_destroy(struct replacement *replacement);
 /**
  * Nobody holds the node any longer, or it came and nobody waited: it may go.
  *
- * was_used:  somebody had held it.  Else it was prefetched; that is a kind of its own, so that what
- *            prefetches are worth is learned, too.
+ * was_used:  somebody had held it; else it was prefetched
  */
 void replacement_let_go(struct replacement *replacement, uint32_t index, uint32_t pages,
 			bool was_used);
-/** Somebody holds it who did not, whether it may have gone (then it may not now), came, or had gone. */
-void replacement_use(struct replacement *replacement, uint32_t index);
+/**
+ * Somebody holds the node who did not, whether it may have gone (then it may not now), came, or had gone.
+ *
+ * pages:       of it, always the same
+ * room_pages:  of the cache, as of now
+ */
+void replacement_use(struct replacement *replacement, uint32_t index, uint32_t pages,
+		     uint64_t room_pages);
 /** It has gone. */
 void replacement_evict(struct replacement *replacement, uint32_t index);
+/** It could not be had. */
+void replacement_fail(struct replacement *replacement, uint32_t index);
 
 /**
- * Nodes that should go first, the first of them first.  Some of those that may go, not all.
+ * Some of the nodes that may go, at random (with a seed that is always the same), perhaps one twice.
  *
  * Returns: how many there are in ret, up to count_max.
  */
-uint32_t replacement_candidates(struct replacement *replacement, uint32_t *ret, uint32_t count_max);
+uint32_t replacement_sample(struct replacement *replacement, uint32_t *ret, uint32_t count_max);
 
-/** Of a node that may go, as of now: smaller goes first.  1 .. UINT64_MAX - 1. */
-uint64_t replacement_rank(const struct replacement *replacement, uint32_t index);
+/** Does LRU say who goes, by the cache's list?  NULL, which is LRU, is allowed. */
+bool replacement_is_lru(const struct replacement *replacement);
+
+/** What reuse.h says a page of a node that may go is worth, as of now.  1 .. 2^34. */
+uint64_t replacement_worth(const struct replacement *replacement, uint32_t index);
+/** What LRU takes a page to be worth: a use in as much time as it has been without one.  1 .. 2^33. */
+uint64_t replacement_lru_worth(uint64_t age);
 
 /** How many may go. */
 uint32_t replacement_count(const struct replacement *replacement);

@@ -34,8 +34,9 @@ static uint64_t order_of(const struct served *served, uint32_t index)
 {
 	if (served->nodes[index].state != NODE_FREE)
 		return 0;
-	return 1 + (served->replacement ? replacement_rank(served->replacement, index)
-					: served->nodes[index].last_use);
+	return replacement_is_lru(served->replacement)
+		       ? 1 + served->nodes[index].last_use
+		       : replacement_worth(served->replacement, index);
 }
 
 uint32_t inspect_nodes(const struct served *served, uint32_t first, struct wire_node *ret)

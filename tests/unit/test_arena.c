@@ -208,15 +208,15 @@ static void arena_fragmentation_is_none_when_whole_and_most_when_in_dust(void **
 
 /* ---- windows ---- */
 
-static uint64_t ages[OWNERS_MAX];
+static uint64_t costs[OWNERS_MAX];
 
-static uint64_t age_of(void *arg, uint32_t owner)
+static uint64_t cost_of(void *arg, uint32_t owner)
 {
 	(void)arg;
-	return ages[owner];
+	return costs[owner];
 }
 
-/* The age of the best window, by trying every beginning and end. */
+/* The cost of the best window, by trying every beginning and end. */
 static uint64_t best_by_force(const struct arena *arena, uint32_t page_count)
 {
 	uint64_t best = ARENA_NEVER;
@@ -226,24 +226,26 @@ static uint64_t best_by_force(const struct arena *arena, uint32_t page_count)
 
 		for (uint32_t first = 0; first < SEGMENT_PAGES;
 		     first += pages_run_at(pages, first).count) {
-			uint64_t youngest = 0;
+			uint64_t sum = 0;
 			uint32_t end = first;
 
 			while (end < SEGMENT_PAGES && end - first < page_count) {
 				struct pages_run run = pages_run_at(pages, end);
 
-				if (run.owner != PAGES_FREE)
-					youngest = u64_max(youngest, ages[run.owner]);
+				if (run.owner != PAGES_FREE && sum != ARENA_NEVER)
+					sum = costs[run.owner] == ARENA_NEVER
+						      ? ARENA_NEVER
+						      : sum + costs[run.owner];
 				end += run.count;
 			}
 			if (end - first >= page_count)
-				best = u64_min(best, youngest);
+				best = u64_min(best, sum);
 		}
 	}
 	return best;
 }
 
-static void arena_window_is_the_oldest_there_is(void **state)
+static void arena_window_is_the_cheapest_there_is(void **state)
 {
 	unsigned seed = 5;
 
@@ -254,18 +256,18 @@ static void arena_window_is_the_oldest_there_is(void **state)
 		struct place place;
 
 		while (arena_take(arena, 1 + (uint32_t)rand_r(&seed) % 4, owner_count, &place) == 0)
-			ages[owner_count++] = rand_r(&seed) % 4 == 0
-						      ? ARENA_NEVER
-						      : 1 + (uint64_t)(rand_r(&seed) % 100);
+			costs[owner_count++] = rand_r(&seed) % 4 == 0
+						       ? ARENA_NEVER
+						       : 1 + (uint64_t)(rand_r(&seed) % 100);
 		for (uint32_t page_count = 1; page_count <= SEGMENT_PAGES; page_count++) {
 			uint64_t best = best_by_force(arena, page_count);
 			struct window window = { 0 };
-			int r = arena_window_best(arena, page_count, age_of, NULL, &window);
+			int r = arena_window_best(arena, page_count, cost_of, NULL, &window);
 
 			assert_int_equal(r, best == ARENA_NEVER ? -ENOBUFS : 0);
 			if (r < 0)
 				continue;
-			assert_true(window.youngest == best);
+			assert_true(window.cost == best);
 			assert_true(window.page_count >= page_count);
 		}
 		arena_free(arena);
@@ -281,16 +283,18 @@ static void arena_window_around_a_place_holds_it_and_only_what_may_go(void **sta
 	(void)state;
 	for (uint32_t i = 0; i < SEGMENT_PAGES; i++) {
 		assert_int_equal(arena_take(arena, 1, i, &places[i]), 0);
-		ages[i] = 100 + i;
+		costs[i] = 100 + i;
 	}
-	ages[4] = ARENA_NEVER;
-	ages[9] = ARENA_NEVER;
-	assert_int_equal(arena_window_around(arena, places[6], 3, age_of, NULL, &window), 0);
+	costs[4] = ARENA_NEVER;
+	costs[9] = ARENA_NEVER;
+	assert_int_equal(arena_window_around(arena, places[6], 3, cost_of, NULL, &window), 0);
 	assert_int_equal(window.first, places[5].page);
 	assert_int_equal(window.page_count, 3);
-	assert_int_equal(window.youngest, 107);
-	assert_int_equal(arena_window_around(arena, places[6], 5, age_of, NULL, &window), -ENOBUFS);
-	assert_int_equal(arena_window_around(arena, places[4], 1, age_of, NULL, &window), -ENOBUFS);
+	assert_int_equal(window.cost, 105 + 106 + 107);
+	assert_int_equal(arena_window_around(arena, places[6], 5, cost_of, NULL, &window),
+			 -ENOBUFS);
+	assert_int_equal(arena_window_around(arena, places[4], 1, cost_of, NULL, &window),
+			 -ENOBUFS);
 	arena_free(arena);
 }
 
@@ -304,7 +308,7 @@ int main(void)
 		cmocka_unit_test(arena_takes_segment_numbers_in_a_circle),
 		cmocka_unit_test(arena_skips_a_segment_that_is_drained),
 		cmocka_unit_test(arena_fragmentation_is_none_when_whole_and_most_when_in_dust),
-		cmocka_unit_test(arena_window_is_the_oldest_there_is),
+		cmocka_unit_test(arena_window_is_the_cheapest_there_is),
 		cmocka_unit_test(arena_window_around_a_place_holds_it_and_only_what_may_go),
 	};
 

@@ -1,0 +1,227 @@
+/* SPDX-License-Identifier: MIT */
+#include "daemon/cache/reuse.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "formats/base/bytes.h"
+#include "formats/base/check.h"
+
+/* Ages in bins, four an octave. */
+#define BIN_COUNT 128u
+#define BIN_BITS  2u
+/* Ages after which a node was wanted again, the last of them. */
+#define GAP_COUNT 8u
+/*
+ * Kinds of nodes that are learned apart: new, prefetched, wanted again after about how long, and those
+ * that have been here before: what came after the last gap that was like the last one will come again.
+ */
+#define KIND_NEW        0u
+#define KIND_PREFETCHED 1u
+#define KIND_GAP        2u
+#define BINS_A_GAP      16u
+#define KIND_NEXT       (KIND_GAP + BIN_COUNT / BINS_A_GAP)
+#define BINS_A_NEXT     4u
+#define KIND_COUNT      (KIND_NEXT + BIN_COUNT / BINS_A_NEXT)
+/* What all nodes did counts as so many cases for each kind, until it has cases of its own. */
+#define PRIOR_CASES 8.0f
+/* Cases between two looks at what was learned. */
+#define LEARN_CASES 256u
+/* What was learned counts half after so many cases, and two more for each node of the store. */
+#define HALVE_CASES 8192u
+
+/* A node's past. */
+struct past {
+	uint8_t gaps[GAP_COUNT]; /* bins, the last one first */
+	uint8_t gap_count;
+	uint8_t kind;
+	bool is_open; /* a case: let go, and not wanted again yet */
+};
+
+struct reuse {
+	uint32_t node_count;
+
+	/* What was learned: of cases that began, how many ended at which age. */
+	float begun[KIND_COUNT];
+	float ended[KIND_COUNT][BIN_COUNT];
+	uint32_t cases;       /* since the values were made */
+	uint32_t halve_cases; /* since all was halved */
+	/* What keeping a node of an age is worth: wants a page and page of time. */
+	float values[KIND_COUNT][BIN_COUNT + 1];
+
+	struct past pasts[]; /* node_count */
+};
+
+int reuse_create(uint32_t node_count, struct reuse **ret)
+{
+	struct reuse *reuse =
+		calloc(1, sizeof(*reuse) + (size_t)node_count * sizeof(reuse->pasts[0]));
+
+	if (!reuse)
+		return -ENOMEM;
+	reuse->node_count = node_count;
+	*ret = reuse;
+	return 0;
+}
+
+struct reuse *reuse_destroy(struct reuse *reuse)
+{
+	free(reuse);
+	return NULL;
+}
+
+/* ---- ages ---- */
+
+static uint32_t bin_of(uint64_t age)
+{
+	uint32_t log2;
+
+	if (age < 1u << BIN_BITS)
+		return (uint32_t)age;
+	log2 = 63u - (uint32_t)__builtin_clzll(age);
+	return (uint32_t)u64_min(((log2 - BIN_BITS + 1u) << BIN_BITS) +
+					 ((age >> (log2 - BIN_BITS)) & ((1u << BIN_BITS) - 1u)),
+				 BIN_COUNT - 1);
+}
+
+/* The least age of a bin. */
+static float bin_begin(uint32_t bin)
+{
+	uint32_t octave = bin >> BIN_BITS;
+
+	if (octave == 0)
+		return (float)bin;
+	return (float)((uint64_t)((1u << BIN_BITS) + (bin & ((1u << BIN_BITS) - 1u)))
+		       << (octave - 1));
+}
+
+/* ---- learning ---- */
+
+/* All that was learned, of all kinds together, as PRIOR_CASES cases. */
+static void make_prior(const struct reuse *reuse, float *ret_begun, float *ret_ended)
+{
+	float begun = 0;
+
+	memset(ret_ended, 0, BIN_COUNT * sizeof(*ret_ended));
+	for (uint32_t kind = 0; kind < KIND_COUNT; kind++) {
+		begun += reuse->begun[kind];
+		for (uint32_t bin = 0; bin < BIN_COUNT; bin++)
+			ret_ended[bin] += reuse->ended[kind][bin];
+	}
+	*ret_begun = begun > 0 ? PRIOR_CASES : 0;
+	for (uint32_t bin = 0; bin < BIN_COUNT && begun > 0; bin++)
+		ret_ended[bin] *= PRIOR_CASES / begun;
+}
+
+/*
+ * What it is worth to keep a node that has reached a bin: of all horizons the best rate of cases that
+ * end before it, for the time that nodes stay until they are wanted or the horizon is reached.
+ */
+static float value_at(const float *ended, float at_risk, uint32_t bin)
+{
+	float begin = bin_begin(bin);
+	float wanted = 0;
+	float time = 0; /* of those that are wanted before the horizon */
+	float best = 0;
+
+	for (uint32_t at = bin; at < BIN_COUNT; at++) {
+		float end = bin_begin(at + 1);
+
+		if (ended[at] == 0)
+			continue;
+		wanted += ended[at];
+		time += ended[at] * (0.5f * (bin_begin(at) + end) - begin);
+		best = wanted > best * (time + (at_risk - wanted) * (end - begin))
+			       ? wanted / (time + (at_risk - wanted) * (end - begin))
+			       : best;
+	}
+	return best;
+}
+
+static void learn(struct reuse *reuse)
+{
+	float prior_ended[BIN_COUNT];
+	float prior_begun;
+
+	make_prior(reuse, &prior_begun, prior_ended);
+	for (uint32_t kind = 0; kind < KIND_COUNT; kind++) {
+		float at_risk = reuse->begun[kind] + prior_begun;
+		float ended[BIN_COUNT];
+
+		for (uint32_t bin = 0; bin < BIN_COUNT; bin++)
+			ended[bin] = reuse->ended[kind][bin] + prior_ended[bin];
+		for (uint32_t bin = 0; bin < BIN_COUNT; bin++) {
+			reuse->values[kind][bin] = value_at(ended, at_risk, bin);
+			at_risk -= ended[bin];
+		}
+		reuse->values[kind][BIN_COUNT] = 0;
+	}
+	reuse->cases = 0;
+}
+
+static void halve(struct reuse *reuse)
+{
+	for (uint32_t kind = 0; kind < KIND_COUNT; kind++) {
+		reuse->begun[kind] *= 0.5f;
+		for (uint32_t bin = 0; bin < BIN_COUNT; bin++)
+			reuse->ended[kind][bin] *= 0.5f;
+	}
+	reuse->halve_cases = 0;
+}
+
+/* Bins so near count as the same gap. */
+static bool is_like(uint8_t a, uint8_t b)
+{
+	return a <= b + 1 && b <= a + 1;
+}
+
+static uint8_t kind_of(const struct past *past)
+{
+	if (past->gap_count == 0)
+		return KIND_NEW;
+	for (unsigned i = 1; i < past->gap_count; i++)
+		if (is_like(past->gaps[i], past->gaps[0]))
+			return (uint8_t)(KIND_NEXT + past->gaps[i - 1] / BINS_A_NEXT);
+	return (uint8_t)(KIND_GAP + past->gaps[0] / BINS_A_GAP);
+}
+
+void reuse_begin(struct reuse *reuse, uint32_t index, bool was_used)
+{
+	struct past *past = &reuse->pasts[index];
+
+	CHECK(index < reuse->node_count);
+	past->kind = was_used ? kind_of(past) : KIND_PREFETCHED;
+	past->is_open = true;
+	reuse->begun[past->kind]++;
+	if (++reuse->halve_cases > HALVE_CASES + 2 * (uint64_t)reuse->node_count)
+		halve(reuse);
+	if (++reuse->cases == LEARN_CASES)
+		learn(reuse);
+}
+
+void reuse_end(struct reuse *reuse, uint32_t index, uint64_t age)
+{
+	struct past *past = &reuse->pasts[index];
+	uint32_t bin = bin_of(age);
+
+	CHECK(index < reuse->node_count);
+	if (!past->is_open)
+		return;
+	past->is_open = false;
+	reuse->ended[past->kind][bin]++;
+	memmove(past->gaps + 1, past->gaps, GAP_COUNT - 1);
+	past->gaps[0] = (uint8_t)bin;
+	past->gap_count += past->gap_count < GAP_COUNT;
+}
+
+double reuse_value(const struct reuse *reuse, uint32_t index, uint64_t age)
+{
+	const float *values = reuse->values[reuse->pasts[index].kind];
+	uint32_t bin = bin_of(age);
+	float begin = bin_begin(bin);
+	float value = values[bin] + (values[bin + 1] - values[bin]) * ((float)age - begin) /
+					    (bin_begin(bin + 1) - begin);
+
+	return value > 0 ? (double)value : 0;
+}
