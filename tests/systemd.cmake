@@ -19,6 +19,14 @@ set_target_properties(without PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY
 if(NOT OOCD_SANITIZE)
 	add_test(NAME integration.degraded
 		COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/integration/degraded.sh ${CMAKE_BINARY_DIR}/tests)
-	set_tests_properties(integration.degraded PROPERTIES LABELS integration TIMEOUT 120
+	set(degraded integration.degraded)
+	# All that is promised of a daemon holds there, too.
+	foreach(test test_daemon test_daemon_faults test_daemon_trace test_sharing test_reload
+			test_counters test_hostile test_client_daemon test_look_ahead test_oocctl_daemon
+			test_oocctl_steer test_crowd)
+		add_test(NAME degraded.${test} COMMAND without $<TARGET_FILE:${test}>)
+		list(APPEND degraded degraded.${test})
+	endforeach()
+	set_tests_properties(${degraded} PROPERTIES LABELS integration TIMEOUT 120
 		ENVIRONMENT "OOCD_BIN=${CMAKE_BINARY_DIR}/bin;OOCD_SOURCE=${CMAKE_SOURCE_DIR}")
 endif()
