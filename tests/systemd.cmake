@@ -23,7 +23,7 @@ if(NOT OOCD_SANITIZE)
 	# All that is promised of a daemon holds there, too.
 	foreach(test test_daemon test_daemon_faults test_daemon_trace test_sharing test_reload
 			test_counters test_hostile test_client_daemon test_look_ahead test_oocctl_daemon
-			test_oocctl_steer test_crowd)
+			test_oocctl_steer)
 		add_test(NAME degraded.${test} COMMAND without $<TARGET_FILE:${test}>)
 		list(APPEND degraded degraded.${test})
 	endforeach()
