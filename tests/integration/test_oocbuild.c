@@ -52,11 +52,12 @@ static void the_bytes_depend_on_neither_jobs_nor_memory(void **state)
 		"--layout replicate --codec meshopt+zstd",
 		"--error 0 --normals oct16 --keep-ids",
 	};
+	/* Sanitizers look for what threads and little memory do; the other ways are the same code. */
 	static const char *const ways[] = {
-		"--jobs 2 --memory 1G",
-		"--jobs 1 --memory 150M",
-		"--jobs 2 --memory 200M",
-		"--jobs 5 --memory 2G",
+		"--jobs 2 --memory 1G",   "--jobs 5 --memory 150M",
+#ifndef OOCD_SANITIZED
+		"--jobs 1 --memory 150M", "--jobs 2 --memory 200M", "--jobs 5 --memory 2G",
+#endif
 	};
 
 	make_plant(*state, PLANT_TRIANGLES);
