@@ -441,6 +441,30 @@ static void after_the_grace_a_stopped_client_can_tell(void **state)
 	survivor_end(&survivor);
 }
 
+/* And is not said again. */
+static void after_the_grace_a_set_gets_what_it_was_refused(void **state)
+{
+	struct scene *scene = *state;
+	struct survivor survivor;
+	struct kit_client *client;
+	struct kit_store *store;
+	uint32_t count;
+
+	/* Room for either store, and not for both. */
+	start_with_grace(scene, "11M", "1");
+	survivor_start(&survivor, manager_socket(scene->manager), scene->plain);
+	(void)manager_stop(scene->manager, SIGKILL);
+
+	start_with_grace(scene, "11M", "1");
+	client = kit_hello(&scene->daemon);
+	store = kit_open(client, 0, scene->coded);
+	count = want_all(client, store, 0, WIRE_SET_RETIRE);
+	while (kit_count_drawable(store) < count)
+		kit_receive_any(client);
+	kit_disconnect(client);
+	survivor_end(&survivor);
+}
+
 /* Two successors: what the first client drew is safe from both, and both directories end. */
 static void a_daemon_that_dies_in_its_grace_passes_on_what_it_had(void **state)
 {
@@ -675,6 +699,7 @@ int main(void)
 		SCENE_TEST(a_smaller_cache_takes_over_what_fits),
 		SCENE_TEST(what_a_stopped_client_draws_stays_for_a_grace),
 		SCENE_TEST(after_the_grace_a_stopped_client_can_tell),
+		SCENE_TEST(after_the_grace_a_set_gets_what_it_was_refused),
 		SCENE_TEST(a_daemon_that_dies_in_its_grace_passes_on_what_it_had),
 		SCENE_TEST(a_client_that_runs_draws_across_the_restart),
 		SCENE_TEST(killed_at_any_moment_it_comes_back_whole),
