@@ -52,6 +52,7 @@ static int add_segment(struct arena *arena, struct memfile *memfile, uint32_t nu
 		return r;
 	}
 	segment->number = number;
+	segment->window_max = segment_pages(arena);
 	segment->memfile = *memfile;
 	*memfile = MEMFILE_NONE;
 	arena->by_number[number] = segment;
@@ -238,8 +239,8 @@ int arena_window_around(const struct arena *arena, struct place place, uint32_t 
 }
 
 /* Windows that begin at each run in turn, in one segment. */
-static void segment_window_best(const struct segment *segment, uint32_t page_count,
-				arena_cost_fn cost, void *arg, struct window *best)
+static void segment_window_best(struct segment *segment, uint32_t page_count, arena_cost_fn cost,
+				void *arg, struct window *best)
 {
 	const struct pages *pages = segment->pages;
 	uint32_t first = 0;
@@ -262,15 +263,17 @@ static void segment_window_best(const struct segment *segment, uint32_t page_cou
 		/* Nothing that begins before or at a run that costs too much alone is better. */
 		first = one >= best->cost ? end : first + pages_run_at(pages, first).count;
 	}
+	if (best->cost == ARENA_NEVER)
+		segment->window_max = page_count - 1;
 }
 
-int arena_window_best(const struct arena *arena, uint32_t page_count, arena_cost_fn cost, void *arg,
+int arena_window_best(struct arena *arena, uint32_t page_count, arena_cost_fn cost, void *arg,
 		      struct window *ret)
 {
 	struct window best = { .cost = ARENA_NEVER };
 
 	LIST_FOR_EACH (link, &arena->in_order)
-		if (!ARENA_SEGMENT(link)->draining)
+		if (!ARENA_SEGMENT(link)->draining && ARENA_SEGMENT(link)->window_max >= page_count)
 			segment_window_best(ARENA_SEGMENT(link), page_count, cost, arg, &best);
 	if (best.cost == ARENA_NEVER)
 		return -ENOBUFS;

@@ -20,6 +20,7 @@
 
 #include "daemon/arena/memfile.h"
 #include "daemon/arena/pages.h"
+#include "formats/base/bytes.h"
 #include "formats/base/list.h"
 #include "libclient/wire.h"
 
@@ -36,6 +37,7 @@ struct segment {
 	uint32_t number;
 	uint32_t buffer;         /* of the fetch layer; FETCH_BUFFER_NONE: not registered */
 	uint32_t pinned_pages;   /* of BUSY and HELD nodes; cache.c counts */
+	uint32_t window_max;     /* no window is longer, as far as is known: arena_window_best() */
 	bool inherited;          /* and not registered yet: see server_stores.c */
 	bool draining;           /* nothing new comes in until nothing is held in it; cache.c */
 	bool draining_for_good;  /* it is wanted by another store */
@@ -125,12 +127,25 @@ int arena_window_around(const struct arena *arena, struct place place, uint32_t 
 			arena_cost_fn cost, void *arg, struct window *ret);
 
 /**
+ * A node of so many pages may be thrown out from now on.  It joins what lies on both sides of it, so that
+ * a window may be twice as long as the longest, and itself.
+ */
+static inline void arena_note_let_go(struct segment *segment, uint32_t page_count)
+{
+	segment->window_max = (uint32_t)u64_min(2 * (uint64_t)segment->window_max + page_count,
+						WIRE_SEGMENT_PAGES_MAX);
+}
+
+/**
  * The cheapest window of at least page_count pages of all there are: the arena is full for page_count
  * exactly when there is none.
  *
+ * Segments that were found to have none are not searched again before arena_note_let_go() says that they
+ * may have.
+ *
  * Returns: 0 or -ENOBUFS.  Cost: O(runs of the arena) as a rule, times the runs of a window at worst.
  */
-int arena_window_best(const struct arena *arena, uint32_t page_count, arena_cost_fn cost, void *arg,
+int arena_window_best(struct arena *arena, uint32_t page_count, arena_cost_fn cost, void *arg,
 		      struct window *ret);
 
 /** Asserts counts and each segment's runs.  O(runs). */

@@ -55,6 +55,7 @@ static void unpin(struct cache *cache, struct served *served, uint32_t index)
 	segment->pinned_pages -= pages;
 	cache->pinned_bytes -= (uint64_t)pages * WIRE_PAGE_BYTES;
 	cache->released_bytes += (uint64_t)pages * WIRE_PAGE_BYTES;
+	arena_note_let_go(segment, pages);
 }
 
 /* ---- eviction ---- */
@@ -513,7 +514,7 @@ static int wait_for_room(struct cache *cache, struct served *served, uint32_t pa
 		drain_one(cache, served);
 	}
 	if (cache->room_is_coming)
-		return -EAGAIN;
+		return -EBUSY;
 	served->counters.fragmented += is_fragmented(cache, pages);
 	return -ENOBUFS;
 }

@@ -87,8 +87,8 @@ void cache_remove_store(struct cache *cache, struct served *served);
  * fill:      index of who reads it.
  * prefetch:  it is not worth draining anything for.
  *
- * Returns: 0, -ENOBUFS (everything is held), or -EAGAIN (a segment is being made or drained, or holds
- *	are about to be given up: try again then).
+ * Returns: 0, -ENOBUFS (everything is held), -EBUSY (so it is, but holds are about to be given up: try
+ *	again then), or -EAGAIN (a segment is being made: try again then).
  */
 int cache_begin_fill(struct cache *cache, struct served *served, uint32_t index, uint32_t fill,
 		     bool prefetch);

@@ -63,8 +63,9 @@ int fills_prepare(struct fills *fills, const struct served *served, struct why *
 /**
  * Begins to bring an ABSENT node in; it is BUSY then, and held by nobody.
  *
- * Returns: 0, -ENOBUFS (everything is held: not now), or -EAGAIN (something it needs will be there
- *	soon: a place in a queue, a segment, staging).
+ * Returns: 0, -ENOBUFS (everything is held: not now), -EBUSY (so it is, but holds are about to be given
+ *	up), or -EAGAIN (something else that it needs will be there soon: a place in a queue, a segment,
+ *	staging).
  */
 int fills_start(struct fills *fills, struct served *served, uint32_t index, uint32_t session,
 		bool prefetch);

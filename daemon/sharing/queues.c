@@ -5,6 +5,7 @@
 
 #include "daemon/limits.h"
 #include "formats/base/check.h"
+#include "formats/base/clock.h"
 
 static struct queue_entry *prefetching_first(struct queues *queues)
 {
@@ -81,9 +82,15 @@ static void to_the_end(struct queues *queues, struct queue_entry *entry)
 	list_push_back(&queues->fetching, &entry->fetch_link);
 }
 
+/* Holds are always about to be given up where many sets change: no want waits for that for ever. */
+static bool has_waited(const struct queue_want *want)
+{
+	return clock_now_ns() - want->wanted_ns > ROOM_WAIT_MS_MAX * NS_PER_MS;
+}
+
 /*
  * One session's turn.  Returns: true when it got on; false when it has to wait for a segment, for
- * staging, or for its own reads, which other sessions perhaps need not.
+ * staging, for room, or for its own reads, which other sessions perhaps need not.
  */
 static bool turn(struct queues *queues, struct queue_entry *entry)
 {
@@ -101,9 +108,9 @@ static bool turn(struct queues *queues, struct queue_entry *entry)
 	}
 	if (fills_has_room_for(queues->fills, entry->session, queues->reader_count > 1))
 		r = fills_start(queues->fills, want.served, want.index, entry->session, false);
-	if (r == -EAGAIN)
+	if (r == -EAGAIN || (r == -EBUSY && !has_waited(&want)))
 		return false;
-	CHECK(r == 0 || r == -ENOBUFS);
+	CHECK(r == 0 || r == -ENOBUFS || r == -EBUSY);
 	entry->calls->begun(entry->calls_arg, &want, r);
 	if (r == 0) {
 		entry->turn_bytes -= want.served->records[want.index].stored_bytes;

@@ -32,7 +32,7 @@ struct queue_want {
 struct queue_calls {
 	/** The most important ABSENT node that is wanted and not refused; false: none. */
 	bool (*next)(void *arg, struct queue_want *ret);
-	/** What became of it: error 0 (BUSY now) or -ENOBUFS (all is held). */
+	/** What became of it: error 0 (BUSY now), -ENOBUFS (all is held) or -EBUSY (still). */
 	void (*begun)(void *arg, const struct queue_want *want, int error);
 	/** The next ABSENT node to prefetch; false: none. */
 	bool (*next_prefetch)(void *arg, struct queue_want *ret);

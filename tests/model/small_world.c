@@ -312,7 +312,7 @@ static void begin_fetch(struct world *world, uint32_t r)
 	if (!visible_next(&world->visible[r], &want))
 		return;
 	error = begin_fill(world, want.index, false);
-	if (error != -EAGAIN)
+	if (error != -EAGAIN && error != -EBUSY)
 		visible_begun(&world->visible[r], &want, error);
 }
 

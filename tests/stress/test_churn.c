@@ -174,7 +174,7 @@ static bool read_for(struct fixture *fixture, struct visible *visible)
 		uint64_t segment_count = fixture->cache.segment_count;
 		int r = read_node(fixture, want.index);
 
-		if (r == -EAGAIN && fixture->cache.segment_count == segment_count)
+		if (r == -EBUSY || (r == -EAGAIN && fixture->cache.segment_count == segment_count))
 			return any;
 		if (r == -EAGAIN)
 			continue;

@@ -173,13 +173,14 @@ static bool begin_fetches(struct fixture *fixture, struct visible *visible)
 
 	division_settle(&fixture->room);
 	visible_retry(visible);
-	while (r != -EAGAIN && fills_has_room(fixture->fills) && visible_next(visible, &want)) {
+	while (r != -EAGAIN && r != -EBUSY && fills_has_room(fixture->fills) &&
+	       visible_next(visible, &want)) {
 		r = fills_start(fixture->fills, want.served, want.index, 1, false);
-		if (r != -EAGAIN)
+		if (r != -EAGAIN && r != -EBUSY)
 			visible_begun(visible, &want, r);
 	}
 	fetch_flush(fixture->fetch);
-	return r == -EAGAIN && fixture->cache.room_is_coming;
+	return r == -EBUSY;
 }
 
 static void run_once(struct fixture *fixture)

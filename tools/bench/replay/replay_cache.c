@@ -173,7 +173,8 @@ static int read_node(struct replay *replay, struct served *served, uint32_t inde
 		if (add_segment(replay) < 0)
 			return -ENOMEM;
 	}
-	return r;
+	/* Nobody else lets go meanwhile. */
+	return r == -EBUSY ? -ENOBUFS : r;
 }
 
 static int miss(struct replay *replay, uint32_t number)
