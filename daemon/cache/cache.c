@@ -506,8 +506,10 @@ static bool is_known_full(const struct cache *cache, const struct served *served
 /* No window is long enough.  What can be done so that there is one soon? */
 static int wait_for_room(struct cache *cache, struct served *served, uint32_t pages)
 {
-	served->full_pages = pages;
-	served->full_at_bytes = cache->released_bytes;
+	if (!is_known_full(cache, served, pages)) {
+		served->full_pages = pages;
+		served->full_at_bytes = cache->released_bytes;
+	}
 	if (!cache->room_is_coming) {
 		if (is_fragmented(cache, pages))
 			compact_one(cache, served, pages);
@@ -526,7 +528,8 @@ static int take_place(struct cache *cache, struct served *served, uint32_t index
 	struct window window = { 0 };
 	int r = -ENOBUFS;
 
-	if (arena_take(&served->arena, pages, index, ret) == 0)
+	if (!is_known_full(cache, served, pages) &&
+	    arena_take(&served->arena, pages, index, ret) == 0)
 		return 0;
 	if (served->segment_coming || grow(cache, served))
 		return -EAGAIN;

@@ -83,9 +83,10 @@ static void to_the_end(struct queues *queues, struct queue_entry *entry)
 }
 
 /* Holds are always about to be given up where many sets change: no want waits for that for ever. */
-static bool has_waited(const struct queue_want *want)
+static bool has_waited(const struct queues *queues, const struct queue_want *want)
 {
-	return clock_now_ns() - want->wanted_ns > ROOM_WAIT_MS_MAX * NS_PER_MS;
+	/* It may have been wanted since this pump began. */
+	return queues->now_ns > want->wanted_ns + ROOM_WAIT_MS_MAX * NS_PER_MS;
 }
 
 /*
@@ -108,7 +109,7 @@ static bool turn(struct queues *queues, struct queue_entry *entry)
 	}
 	if (fills_has_room_for(queues->fills, entry->session, queues->reader_count > 1))
 		r = fills_start(queues->fills, want.served, want.index, entry->session, false);
-	if (r == -EAGAIN || (r == -EBUSY && !has_waited(&want)))
+	if (r == -EAGAIN || (r == -EBUSY && !has_waited(queues, &want)))
 		return false;
 	CHECK(r == 0 || r == -ENOBUFS || r == -EBUSY);
 	entry->calls->begun(entry->calls_arg, &want, r);
@@ -152,6 +153,7 @@ static void pump_prefetches(struct queues *queues)
 
 void queues_pump(struct queues *queues)
 {
+	queues->now_ns = clock_now_ns();
 	pump_fetches(queues);
 	if (list_is_empty(&queues->fetching))
 		pump_prefetches(queues);

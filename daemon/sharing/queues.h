@@ -57,6 +57,7 @@ struct queues {
 	struct list fetching; /* sessions with fetches that wait, whose turn it is first */
 	struct list prefetching;
 	uint32_t reader_count; /* sessions that have asked for fetches */
+	uint64_t now_ns;       /* when the newest pump began */
 };
 
 void queues_init(struct queues *queues, struct fills *fills);
