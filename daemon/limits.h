@@ -50,7 +50,7 @@
 /** How long fetches wait for holds that are about to be given up, when none is given up meanwhile. */
 #define LEAVING_MS_MAX 1000u
 /** How long one of them waits in any case: others may take what is given up, again and again. */
-#define ROOM_WAIT_MS_MAX 250u
+#define ROOM_WAIT_MS_MAX 1000u
 /** How long a client that is asked to let go may take until it is disconnected. */
 #define LEASE_MS_USUAL 5000u
 /** A client that has been silent for so long is asked at once; others will say their set anyway. */
