@@ -274,6 +274,44 @@ static void arena_window_is_the_cheapest_there_is(void **state)
 	}
 }
 
+static void arena_windows_are_found_as_soon_as_their_nodes_are_let_go(void **state)
+{
+	unsigned seed = 6;
+
+	(void)state;
+	for (unsigned round = 0; round < 200; round++) {
+		struct arena *arena = arena_with(3);
+		struct place places[OWNERS_MAX];
+		uint32_t counts[OWNERS_MAX];
+		uint32_t owner_count = 0;
+
+		do {
+			counts[owner_count] = 1 + (uint32_t)rand_r(&seed) % 4;
+			costs[owner_count] = ARENA_NEVER;
+		} while (arena_take(arena, counts[owner_count], owner_count,
+				    &places[owner_count]) == 0 &&
+			 ++owner_count > 0);
+		for (uint32_t i = 0; i < owner_count; i++) {
+			uint32_t owner = (uint32_t)rand_r(&seed) % owner_count;
+			uint32_t page_count = 1 + (uint32_t)rand_r(&seed) % SEGMENT_PAGES;
+			uint64_t best;
+			struct window window;
+
+			if (costs[owner] == ARENA_NEVER) {
+				costs[owner] = 1 + (uint64_t)(rand_r(&seed) % 100);
+				arena_note_let_go(arena->by_number[places[owner].segment],
+						  counts[owner]);
+			}
+			best = best_by_force(arena, page_count);
+			assert_int_equal(
+				arena_window_best(arena, page_count, cost_of, NULL, &window),
+				best == ARENA_NEVER ? -ENOBUFS : 0);
+			assert_true(best == ARENA_NEVER || window.cost == best);
+		}
+		arena_free(arena);
+	}
+}
+
 static void arena_window_around_a_place_holds_it_and_only_what_may_go(void **state)
 {
 	struct arena *arena = arena_with(1);
@@ -309,6 +347,7 @@ int main(void)
 		cmocka_unit_test(arena_skips_a_segment_that_is_drained),
 		cmocka_unit_test(arena_fragmentation_is_none_when_whole_and_most_when_in_dust),
 		cmocka_unit_test(arena_window_is_the_cheapest_there_is),
+		cmocka_unit_test(arena_windows_are_found_as_soon_as_their_nodes_are_let_go),
 		cmocka_unit_test(arena_window_around_a_place_holds_it_and_only_what_may_go),
 	};
 

@@ -35,7 +35,10 @@ struct caller {
 	uint32_t fetch_count;
 	const uint32_t *prefetches;
 	uint32_t prefetch_count;
+	uint64_t wanted_before_ns; /* so long */
+	struct cache *holder;      /* what is begun is held; NULL: it is not */
 	uint64_t begun_bytes;
+	uint32_t refused_count;
 };
 
 struct fixture {
@@ -58,7 +61,8 @@ static bool on_next(void *arg, struct queue_want *ret)
 
 	if (caller->fetch_count == 0)
 		return false;
-	*ret = (struct queue_want){ caller->served, caller->fetches[0], clock_now_ns() };
+	*ret = (struct queue_want){ caller->served, caller->fetches[0],
+				    clock_now_ns() - caller->wanted_before_ns };
 	return true;
 }
 
@@ -66,8 +70,12 @@ static void on_begun(void *arg, const struct queue_want *want, int error)
 {
 	struct caller *caller = arg;
 
-	assert_int_equal(error, 0);
-	caller->begun_bytes += caller->served->records[want->index].stored_bytes;
+	if (error == 0)
+		caller->begun_bytes += caller->served->records[want->index].stored_bytes;
+	caller->refused_count += error == -EBUSY;
+	assert_true(error == 0 || error == -EBUSY);
+	if (error == 0 && caller->holder)
+		cache_hold(caller->holder, caller->served, want->index);
 	caller->fetches++;
 	caller->fetch_count--;
 }
@@ -335,6 +343,30 @@ static void a_prefetch_begins_when_no_fetch_waits(void **state)
 	assert_int_equal(fills_times(fixture->fills)->wait_behind_prefetch.count, 300);
 }
 
+/* Somebody always is about to give something up, and it is always gone. */
+static void no_fetch_waits_for_room_for_ever(void **state)
+{
+	struct fixture *fixture = *state;
+	struct caller *caller = wants(fixture, 0, 0, fixture->node_count);
+	uint32_t held_count;
+
+	caller->holder = &fixture->cache;
+	fixture->cache.budget_bytes = fixture->served->arena.segment_bytes;
+	fixture->cache.room_is_coming = true;
+	pump(fixture);
+	while (fills_count(fixture->fills) > 0)
+		run_once(fixture);
+	held_count = fixture->node_count - caller->fetch_count;
+	assert_true(held_count > 0 && caller->fetch_count > 0);
+	assert_int_equal(caller->refused_count, 0);
+
+	caller->wanted_before_ns = (ROOM_WAIT_MS_MAX + 1) * NS_PER_MS;
+	pump(fixture);
+	assert_int_equal(caller->refused_count, fixture->node_count - held_count);
+	for (uint32_t i = 0; i < held_count; i++)
+		cache_release(&fixture->cache, fixture->served, fixture->nodes[i]);
+}
+
 static void what_is_prefetched_does_not_change_the_order_of_replacement(void **state)
 {
 	struct fixture *fixture = *state;
@@ -384,6 +416,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		QUEUES_TEST(users_read_as_much_as_they_weigh),
 		QUEUES_TEST(clients_of_one_user_share_its_turn),
+		QUEUES_TEST(no_fetch_waits_for_room_for_ever),
 		QUEUES_TEST(a_prefetch_begins_when_no_fetch_waits),
 		QUEUES_TEST(what_is_prefetched_does_not_change_the_order_of_replacement),
 		QUEUES_TEST(one_client_leaves_some_of_the_queue_to_others_that_read),
