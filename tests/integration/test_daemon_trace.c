@@ -97,6 +97,8 @@ static struct counts read_trace(const char *path)
 		fail_msg("%s", why.text);
 	while ((r = trace_reader_next(reader, &event, &why)) > 0) {
 		counts.of_kind[event.kind]++;
+		if (!trace_kind_has_entry(event.kind))
+			continue;
 		assert_true(event.entry < ENTRIES_MAX);
 		tell(&stories[event.entry], event.kind, &counts);
 		if (event.kind == TRACE_READY)
