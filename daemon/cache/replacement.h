@@ -27,7 +27,7 @@
 #include <stdint.h>
 
 /* One X(name) for each policy, the usual one first. */
-#define REPLACEMENTS(X) X(reuse) X(lru)
+#define REPLACEMENTS(X) X(lru) X(reuse)
 
 enum replacement_policy {
 #define REPLACEMENT_VALUE(name) REPLACEMENT_##name,
