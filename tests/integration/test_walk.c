@@ -72,7 +72,7 @@ static void live_runs_lack_what_has_not_come_and_less_where_the_path_is_known(vo
 {
 	json_t *json;
 
-	/* A read takes a fifth of a frame: what is not asked for ahead of time is not there. */
+	/* What is not asked for ahead of time is not there before it is wanted. */
 	run(*state,
 	    "oocbench walk m.ooc --path p.csv -o w --mode live --rivals --fps 100 --budget 3000 "
 	    "--size 64x48 --cache 8M --disk 100M:2 --horizon 0.6 --stride 20 --json",

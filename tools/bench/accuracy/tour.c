@@ -176,6 +176,7 @@ static size_t choose_near(void *arg, const struct camera *camera, struct ooc_wan
 
 /* ---- what becomes of nodes ---- */
 
+/* Before they are asked for: what comes while a set is sent was not there before. */
 static void note_wanted(struct traveller *traveller, uint32_t frame)
 {
 	struct tour *tour = traveller->tour;
@@ -383,7 +384,7 @@ static void note_bytes(struct traveller *traveller, struct tour_frame *ret)
 	traveller->counters = counters;
 }
 
-static int ask(struct traveller *traveller, const struct camera *camera,
+static int ask(struct traveller *traveller, const struct camera *camera, uint32_t frame,
 	       struct camera_view *ret_view, struct tour_frame *ret, struct why *why)
 {
 	struct selection selection;
@@ -400,6 +401,7 @@ static int ask(struct traveller *traveller, const struct camera *camera,
 	for (size_t i = 0; i < traveller->want_count; i++)
 		ret->set_bytes += traveller->nodes[traveller->wants[i].node].payload_bytes;
 	(void)ooc_dispatch(traveller->client);
+	note_wanted(traveller, frame);
 	serial = ooc_visible_set(traveller->client, traveller->wants, traveller->want_count);
 	return serial < 0 ? why_set(why, (int)serial, "asking for a frame's nodes: %s",
 				    ooc_error_text(traveller->client))
@@ -434,10 +436,9 @@ static int frame_run(struct traveller *traveller, uint32_t frame, struct why *wh
 	raster_clear(traveller->raster);
 	if (traveller->look_ahead)
 		look_ahead_see(traveller->look_ahead, camera);
-	r = ask(traveller, camera, &view, ret, why);
+	r = ask(traveller, camera, frame, &view, ret, why);
 	if (r < 0)
 		return r;
-	note_wanted(traveller, frame);
 	if (options->waits)
 		r = draw_waiting(traveller, &view, frame, ret, why);
 	else if (draw_ready(traveller, &view, frame, ret) < 0)
