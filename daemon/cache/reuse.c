@@ -114,48 +114,78 @@ static void make_prior(const struct reuse *reuse, float *ret_begun, float *ret_e
 		ret_ended[bin] *= PRIOR_CASES / begun;
 }
 
+/* Cases that ended at the ages of one bin. */
+struct ends {
+	uint32_t bin;
+	float count;
+	float middle; /* of the bin's ages */
+	float end;
+};
+
 /*
- * What it is worth to keep a node that has reached a bin: of all horizons the best rate of cases that
+ * What it is worth to keep a node that has reached an age: of all horizons the best rate of cases that
  * end before it, for the time that nodes stay until they are wanted or the horizon is reached.
+ *
+ * ends:  what ends later, in order.
  */
-static float value_at(const float *ended, float at_risk, uint32_t bin)
+static float value_at(const struct ends *ends, uint32_t ends_count, float at_risk, float age)
 {
-	float begin = bin_begin(bin);
 	float wanted = 0;
 	float time = 0; /* of those that are wanted before the horizon */
 	float best = 0;
 
-	for (uint32_t at = bin; at < BIN_COUNT; at++) {
-		float end = bin_begin(at + 1);
+	for (uint32_t i = 0; i < ends_count; i++) {
+		float spent;
 
-		if (ended[at] == 0)
-			continue;
-		wanted += ended[at];
-		time += ended[at] * (0.5f * (bin_begin(at) + end) - begin);
-		best = wanted > best * (time + (at_risk - wanted) * (end - begin))
-			       ? wanted / (time + (at_risk - wanted) * (end - begin))
-			       : best;
+		wanted += ends[i].count;
+		time += ends[i].count * (ends[i].middle - age);
+		spent = time + (at_risk - wanted) * (ends[i].end - age);
+		best = wanted > best * spent ? wanted / spent : best;
 	}
 	return best;
+}
+
+/* Most bins are of ages at which nothing ends: only the others are gone through for each. */
+static void make_values(const float *ended, float at_risk, float ret[BIN_COUNT + 1])
+{
+	struct ends ends[BIN_COUNT];
+	uint32_t count = 0;
+	uint32_t first = 0;
+
+	for (uint32_t bin = 0; bin < BIN_COUNT; bin++)
+		if (ended[bin] > 0)
+			ends[count++] = (struct ends){
+				.bin = bin,
+				.count = ended[bin],
+				.middle = 0.5f * (bin_begin(bin) + bin_begin(bin + 1)),
+				.end = bin_begin(bin + 1),
+			};
+	for (uint32_t bin = 0; bin < BIN_COUNT; bin++) {
+		ret[bin] = value_at(ends + first, count - first, at_risk, bin_begin(bin));
+		at_risk -= ended[bin];
+		first += first < count && ends[first].bin == bin;
+	}
+	ret[BIN_COUNT] = 0;
 }
 
 static void learn(struct reuse *reuse)
 {
 	float prior_ended[BIN_COUNT];
+	float prior_values[BIN_COUNT + 1];
 	float prior_begun;
 
 	make_prior(reuse, &prior_begun, prior_ended);
+	make_values(prior_ended, prior_begun, prior_values);
 	for (uint32_t kind = 0; kind < KIND_COUNT; kind++) {
-		float at_risk = reuse->begun[kind] + prior_begun;
 		float ended[BIN_COUNT];
 
+		if (reuse->begun[kind] == 0) {
+			memcpy(reuse->values[kind], prior_values, sizeof(prior_values));
+			continue;
+		}
 		for (uint32_t bin = 0; bin < BIN_COUNT; bin++)
 			ended[bin] = reuse->ended[kind][bin] + prior_ended[bin];
-		for (uint32_t bin = 0; bin < BIN_COUNT; bin++) {
-			reuse->values[kind][bin] = value_at(ended, at_risk, bin);
-			at_risk -= ended[bin];
-		}
-		reuse->values[kind][BIN_COUNT] = 0;
+		make_values(ended, reuse->begun[kind] + prior_begun, reuse->values[kind]);
 	}
 	reuse->cases = 0;
 }
