@@ -526,7 +526,8 @@ int chart_measure(struct chart *chart, struct why *why)
 
 	for (size_t i = 0; r == 0 && i < chart->setting_count; i++) {
 		r = setting_judge(chart, &chart->settings[i], why);
-		errors_summarise(chart, &chart->settings[i]);
+		if (r == 0)
+			errors_summarise(chart, &chart->settings[i]);
 	}
 	if (r == 0)
 		r = times_measure(chart, why);
