@@ -21,8 +21,8 @@
 struct room {
 	struct cache *cache;
 	struct list sets; /* struct visible.link: of all sessions */
-	uint64_t
-		wanted_pages; /* of all nodes that a set wants or a client may still draw, each once */
+	/* Of all nodes that a set wants or a client may still draw, each once. */
+	uint64_t wanted_pages;
 	/*
 	 * Pages that turned out to be of no use, because what is held lies scattered.  It only grows
 	 * while no set changes, so that trying ends; with each set that changes a quarter is forgotten.
@@ -30,11 +30,11 @@ struct room {
 	uint64_t unusable_pages;
 	uint64_t resident_pages; /* that administrators have pinned; division.c refreshes it */
 	uint64_t pages;          /* room_pages() at the newest division */
-	uint64_t
-		left_pages; /* of them, what it left to nobody, and what nobody wants any more since */
-	uint32_t plan;      /* number of the newest division; 0: there was none */
-	bool changed;       /* what is wanted has, since the newest division */
-	bool divided;       /* what is planned counts */
+	/* Of them, what it left to nobody, and what nobody wants any more since. */
+	uint64_t left_pages;
+	uint32_t plan;          /* number of the newest division; 0: there was none */
+	bool changed;           /* what is wanted has, since the newest division */
+	bool divided;           /* what is planned counts */
 	uint32_t leaving_count; /* revoked holds that are not given up yet */
 	uint64_t drain_count;   /* of the cache, when sets were last told */
 
