@@ -107,7 +107,6 @@ static size_t write_data(FILE *out, const struct plot *plot)
 		fprintf(out, "$data%zu << END\n", i);
 		for (size_t k = 0; k < series->count; k++) {
 			double x = series->x ? series->x[k] : (double)k;
-
 			double y = height_of(plot, series->y[k]);
 
 			if (!is_shown(plot, x, y))
