@@ -16,8 +16,8 @@
  *
  * Threads: loop thread.  Memory: 11 bytes a node and 43 KB, at creation.
  */
-#ifndef DAEMON_REUSE_H
-#define DAEMON_REUSE_H
+#ifndef DAEMON_CACHE_REUSE_H
+#define DAEMON_CACHE_REUSE_H
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -46,4 +46,4 @@ void reuse_end(struct reuse *reuse, uint32_t index, uint64_t age);
 /** Wants a unit of time, >= 0, of a node that was let go `age` ago.  0: not known to be worth anything. */
 double reuse_value(const struct reuse *reuse, uint32_t index, uint64_t age);
 
-#endif /* DAEMON_REUSE_H */
+#endif /* DAEMON_CACHE_REUSE_H */

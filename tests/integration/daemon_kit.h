@@ -7,8 +7,8 @@
  *
  * Include it after <cmocka.h>.
  */
-#ifndef TESTS_DAEMON_KIT_H
-#define TESTS_DAEMON_KIT_H
+#ifndef TESTS_INTEGRATION_DAEMON_KIT_H
+#define TESTS_INTEGRATION_DAEMON_KIT_H
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -128,4 +128,4 @@ uint64_t kit_status_number(struct kit_client *client, const char *key);
 /** Asks until the number is what it should become. */
 void kit_await_number(struct kit_client *client, const char *key, uint64_t value);
 
-#endif /* TESTS_DAEMON_KIT_H */
+#endif /* TESTS_INTEGRATION_DAEMON_KIT_H */

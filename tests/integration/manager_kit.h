@@ -3,8 +3,8 @@
  * manager_kit.h - a service manager for tests: tools/bench/base/manager.h, what goes wrong with it fails
  * the test.  Include it after <cmocka.h>.
  */
-#ifndef TESTS_MANAGER_KIT_H
-#define TESTS_MANAGER_KIT_H
+#ifndef TESTS_INTEGRATION_MANAGER_KIT_H
+#define TESTS_INTEGRATION_MANAGER_KIT_H
 
 #include "tools/bench/base/manager.h"
 
@@ -14,4 +14,4 @@ void kit_manager_start(struct manager *manager, const char *const *options);
 void kit_manager_await(struct manager *manager, const char *part, uint32_t count);
 void kit_manager_await_kept(struct manager *manager, const char *part, uint32_t count);
 
-#endif /* TESTS_MANAGER_KIT_H */
+#endif /* TESTS_INTEGRATION_MANAGER_KIT_H */

@@ -4,8 +4,8 @@
  *
  * What goes wrong fails the test that asked for it.  Include it after <cmocka.h>.
  */
-#ifndef TESTS_MODELS_H
-#define TESTS_MODELS_H
+#ifndef TESTS_INTEGRATION_MODELS_H
+#define TESTS_INTEGRATION_MODELS_H
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -47,4 +47,4 @@ bool model_store_read(struct model_store *store, uint32_t node_index);
 /** Fails unless both files have the same bytes. */
 void model_assert_same_files(const char *a, const char *b);
 
-#endif /* TESTS_MODELS_H */
+#endif /* TESTS_INTEGRATION_MODELS_H */

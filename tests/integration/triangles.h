@@ -5,8 +5,8 @@
  * A triangle is turned so that one corner is first, whatever an importer or a codec made of it;
  * which way it is wound counts.  Include it after <cmocka.h>.
  */
-#ifndef TESTS_TRIANGLES_H
-#define TESTS_TRIANGLES_H
+#ifndef TESTS_INTEGRATION_TRIANGLES_H
+#define TESTS_INTEGRATION_TRIANGLES_H
 
 #include <stddef.h>
 #include <stdint.h>
@@ -31,4 +31,4 @@ struct triangles triangles_of_ply(const char *path);
 /** Fails where one has what the other has not.  Gives both back. */
 void assert_same_triangles(struct triangles a, struct triangles b);
 
-#endif /* TESTS_TRIANGLES_H */
+#endif /* TESTS_INTEGRATION_TRIANGLES_H */

@@ -4,8 +4,8 @@
  *
  * What goes wrong fails the test.  Include it after <cmocka.h>.
  */
-#ifndef TESTS_VIEW_KIT_H
-#define TESTS_VIEW_KIT_H
+#ifndef TESTS_INTEGRATION_VIEW_KIT_H
+#define TESTS_INTEGRATION_VIEW_KIT_H
 
 #include <stdint.h>
 
@@ -58,4 +58,4 @@ struct view_image view_load_raw(const char *path);
 
 void view_assert_same(const char *one, const char *other);
 
-#endif /* TESTS_VIEW_KIT_H */
+#endif /* TESTS_INTEGRATION_VIEW_KIT_H */

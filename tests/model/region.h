@@ -9,8 +9,8 @@
  *
  * Threads: one.
  */
-#ifndef TESTS_REGION_H
-#define TESTS_REGION_H
+#ifndef TESTS_MODEL_REGION_H
+#define TESTS_MODEL_REGION_H
 
 #include <stddef.h>
 
@@ -30,4 +30,4 @@ void region_note_base(void);
 struct region_state *region_save(void);
 void region_load(const struct region_state *state);
 
-#endif /* TESTS_REGION_H */
+#endif /* TESTS_MODEL_REGION_H */

@@ -15,8 +15,8 @@
  *
  * Threads: one.  Memory: all in the region.
  */
-#ifndef TESTS_SMALL_WORLD_H
-#define TESTS_SMALL_WORLD_H
+#ifndef TESTS_MODEL_SMALL_WORLD_H
+#define TESTS_MODEL_SMALL_WORLD_H
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -79,4 +79,4 @@ size_t world_key(const struct world *world, uint8_t ret[WORLD_KEY_BYTES]);
 /** "reader 0 sends {0 1}, retires". */
 const char *step_text(struct step step);
 
-#endif /* TESTS_SMALL_WORLD_H */
+#endif /* TESTS_MODEL_SMALL_WORLD_H */
