@@ -16,12 +16,10 @@
 
 #include "formats/base/bytes.h"
 #include "formats/base/clock.h"
-#include "formats/base/log.h"
 #include "formats/store/store_checksum.h"
 #include "formats/store/store_file.h"
 #include "libclient/ooc/client.h"
 #include "tools/bench/base/measure.h"
-#include "tools/bench/base/report.h"
 #include "tools/bench/crowd/crowd_client.h"
 #include "tools/bench/crowd/crowd_hostile.h"
 
@@ -325,10 +323,14 @@ static int kill_daemon(struct crowd *crowd, struct why *why)
 	return start_daemon(crowd, why);
 }
 
+/* Does it still run, and is it still to run? */
 static int check_daemon(struct crowd *crowd, struct why *why)
 {
 	int status;
 
+	/* Asked first: what interrupts us may have ended the daemon, too. */
+	if (measure_was_cancelled())
+		return why_set(why, -ECANCELED, "interrupted");
 	if (waitpid(crowd->daemon.child.pid, &status, WNOHANG) != crowd->daemon.child.pid)
 		return 0;
 	crowd->daemon.child.pid = 0;
@@ -348,8 +350,6 @@ static int run_for_a_time(struct crowd *crowd, struct why *why)
 	int r = 0;
 
 	for (; r == 0 && now_ns < end_ns; now_ns = clock_now_ns()) {
-		if (measure_was_cancelled())
-			return why_set(why, -ECANCELED, "interrupted");
 		r = check_daemon(crowd, why);
 		if (r == 0 && config->kill_ms > 0 && now_ns >= kill_ns) {
 			r = kill_one(crowd, why);
@@ -372,10 +372,9 @@ static int run_for_a_time(struct crowd *crowd, struct why *why)
 /* A first client fills the cache and goes: what the daemon has then is what it has to have. */
 static int warm_up(struct crowd *crowd, struct why *why)
 {
-	struct crowd_config config = *crowd->config;
 	uint64_t end_ns = clock_now_ns() + SETTLE_NS;
 	struct balance balance;
-	pid_t pid = crowd_client_start(&config, crowd->daemon.socket_path, crowd->shared,
+	pid_t pid = crowd_client_start(crowd->config, crowd->daemon.socket_path, crowd->shared,
 				       crowd_random(&crowd->random));
 	int r = 0;
 
@@ -392,31 +391,10 @@ static int warm_up(struct crowd *crowd, struct why *why)
 	return r;
 }
 
-static int compare_u32(const void *a, const void *b)
-{
-	uint32_t left = *(const uint32_t *)a;
-	uint32_t right = *(const uint32_t *)b;
-
-	return (left > right) - (left < right);
-}
-
-/* Sorts them. */
-static void take_times(uint32_t *us, uint32_t count, double *ret_median, double *ret_p99,
-		       double *ret_max)
-{
-	if (count == 0)
-		return;
-	qsort(us, count, sizeof(us[0]), compare_u32);
-	*ret_median = 1e-3 * us[count / 2];
-	*ret_p99 = 1e-3 * us[(uint64_t)count * 99 / 100];
-	*ret_max = 1e-3 * us[count - 1];
-}
-
 static void take_findings(struct crowd *crowd)
 {
 	struct crowd_result *result = crowd->result;
 	struct crowd_shared *shared = crowd->shared;
-	uint32_t count = atomic_load(&shared->probe_count);
 
 	result->sets = shared->sets;
 	result->reads = shared->reads;
@@ -426,12 +404,10 @@ static void take_findings(struct crowd *crowd)
 	result->refused_full = shared->refused_full;
 	result->refused_unreadable = shared->refused_unreadable;
 	result->lost = shared->lost;
-	result->probes = count;
+	result->probes = atomic_load(&shared->probe_count);
 	memcpy(result->first_failure, shared->first_failure, sizeof(result->first_failure));
-	take_times(shared->probe_us, count, &result->probe_ms_median, &result->probe_ms_p99,
-		   &result->probe_ms_max);
-	take_times(shared->ping_us, atomic_load(&shared->ping_count), &result->ping_ms_median,
-		   &result->ping_ms_p99, &result->ping_ms_max);
+	result->probe_ms = distribution_of(shared->probe_ms, result->probes);
+	result->ping_ms = distribution_of(shared->ping_ms, atomic_load(&shared->ping_count));
 }
 
 static int run_in_scratch(struct crowd *crowd, struct why *why)
@@ -484,79 +460,4 @@ int crowd_run(const struct crowd_config *config, struct crowd_result *ret, struc
 	free(crowd.clients);
 	measure_scratch_remove(crowd.scratch);
 	return r;
-}
-
-/* ---- the report ---- */
-
-static void crowd_report(const struct crowd_config *config, const struct crowd_result *result,
-			 bool is_json)
-{
-	struct report report;
-
-	report_begin(&report, is_json);
-	report_text(&report, "store", "store", config->store);
-	report_number(&report, "seed", "seed", (double)config->seed, "");
-	report_number(&report, "clients", "clients", (double)config->client_count, "");
-	report_number(&report, "seconds", "seconds", (double)config->seconds, "");
-	report_number(&report, "kills", "clients killed", (double)result->kills, "");
-	report_number(&report, "restarts", "times the daemon was killed", (double)result->restarts,
-		      "");
-	report_number(&report, "sets", "sets settled", (double)result->sets, "");
-	report_number(&report, "reads", "payloads summed", (double)result->reads, "");
-	report_number(&report, "wrong", "of them wrong", (double)result->wrong, "");
-	report_number(&report, "stale", "read after a client was thrown out", (double)result->stale,
-		      "");
-	report_number(&report, "failed", "failed requests of the living", (double)result->failed,
-		      "");
-	if (result->first_failure[0] != '\0')
-		report_text(&report, "first_failure", "the first of them", result->first_failure);
-	report_number(&report, "refused_full", "nodes refused for room",
-		      (double)result->refused_full, "");
-	report_number(&report, "refused_unreadable", "nodes refused for failed reads",
-		      (double)result->refused_unreadable, "");
-	report_number(&report, "lost", "times a client found the daemon away", (double)result->lost,
-		      "");
-	report_number(&report, "probes", "resident sets timed", (double)result->probes, "");
-	report_number(&report, "probe_ms_median", "  median", result->probe_ms_median, "ms");
-	report_number(&report, "probe_ms_p99", "  99 of 100 within", result->probe_ms_p99, "ms");
-	report_number(&report, "probe_ms_max", "  longest", result->probe_ms_max, "ms");
-	report_number(&report, "ping_ms_median", "a message that a process only sends back, median",
-		      result->ping_ms_median, "ms");
-	report_number(&report, "ping_ms_p99", "  99 of 100 within", result->ping_ms_p99, "ms");
-	report_number(&report, "ping_ms_max", "  longest", result->ping_ms_max, "ms");
-	report_number(&report, "leaked_descriptors", "descriptors not given back",
-		      (double)result->leaked_descriptors, "");
-	report_number(&report, "leaked_holds_bytes", "bytes held for nobody",
-		      (double)result->leaked_holds_bytes, "");
-	report_number(&report, "leaked_sessions", "sessions of nobody",
-		      (double)result->leaked_sessions, "");
-	report_number(&report, "descriptors_early", "descriptors early in the longest life",
-		      (double)result->descriptors_early, "");
-	report_number(&report, "descriptors_late", "descriptors at its end",
-		      (double)result->descriptors_late, "");
-	report_number(&report, "memory_early_bytes", "own memory early in it",
-		      (double)result->memory_early_bytes, "bytes");
-	report_number(&report, "memory_late_bytes", "own memory at its end",
-		      (double)result->memory_late_bytes, "bytes");
-	report_end(&report);
-}
-
-static bool is_sound(const struct crowd_result *result)
-{
-	return result->wrong == 0 && result->failed == 0 && result->leaked_descriptors <= 0 &&
-	       result->leaked_holds_bytes == 0 && result->leaked_sessions == 0;
-}
-
-int crowd_main(const char *verb, const struct crowd_config *config, bool is_json)
-{
-	struct crowd_result result;
-	struct why why = { "" };
-
-	log_info("%s: seed %" PRIu64, verb, config->seed);
-	if (crowd_run(config, &result, &why) < 0) {
-		log_error("%s: %s", verb, why.text);
-		return 1;
-	}
-	crowd_report(config, &result, is_json);
-	return is_sound(&result) ? 0 : 1;
 }

@@ -19,6 +19,7 @@
 #include <stdint.h>
 
 #include "formats/base/why.h"
+#include "tools/bench/base/figures.h"
 
 struct crowd_config {
 	const char *store;
@@ -46,9 +47,9 @@ struct crowd_result {
 	uint64_t kills;
 	uint64_t restarts;
 	uint64_t probes;
-	double probe_ms_median, probe_ms_p99, probe_ms_max;
+	struct distribution probe_ms;
 	/* In turn with them, a message as long to a process that only sends it back: the machine's part. */
-	double ping_ms_median, ping_ms_p99, ping_ms_max;
+	struct distribution ping_ms;
 	/* The end against the beginning, nobody connected: what was not given back. */
 	int64_t leaked_descriptors; /* segments' not counted */
 	uint64_t leaked_holds_bytes;
@@ -68,8 +69,5 @@ struct crowd_result {
  *	although nobody killed it: -ECHILD).
  */
 int crowd_run(const struct crowd_config *config, struct crowd_result *ret, struct why *why);
-
-/** Runs it for a verb and prints what it found.  Returns: the exit status, 0 when nothing was wrong. */
-int crowd_main(const char *verb, const struct crowd_config *config, bool is_json);
 
 #endif /* TOOLS_BENCH_CROWD_CROWD_H */

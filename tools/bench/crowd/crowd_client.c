@@ -228,6 +228,11 @@ static int start_echo(void)
 	return fds[0];
 }
 
+static double ms_since(uint64_t begin_ns)
+{
+	return (double)(clock_now_ns() - begin_ns) / (double)NS_PER_MS;
+}
+
 /* What an answer takes here and now of somebody who has nothing to do for it. */
 static void ping(struct crowd_client *self)
 {
@@ -242,8 +247,7 @@ static void ping(struct crowd_client *self)
 	    send(self->echo_fd, bytes, message_bytes, MSG_NOSIGNAL) != (ssize_t)message_bytes ||
 	    recv(self->echo_fd, bytes, sizeof(bytes), 0) <= 0)
 		return;
-	self->shared->ping_us[at] =
-		(uint32_t)u64_min((clock_now_ns() - begin_ns) / NS_PER_US, UINT32_MAX);
+	self->shared->ping_ms[at] = ms_since(begin_ns);
 	atomic_store(&self->shared->ping_count, at + 1);
 }
 
@@ -277,7 +281,7 @@ static void probe(struct crowd_client *self)
 	struct ooc_counters after;
 	struct ooc_progress progress;
 	uint64_t begin_ns;
-	uint64_t us;
+	double ms;
 	uint32_t at;
 
 	if (!choose_resident(self))
@@ -287,7 +291,7 @@ static void probe(struct crowd_client *self)
 	begin_ns = clock_now_ns();
 	if (ooc_visible_set(self->client, self->wants, self->want_count) < 0 || settle(self) < 0)
 		return;
-	us = (clock_now_ns() - begin_ns) / NS_PER_US;
+	ms = ms_since(begin_ns);
 	ooc_counters(self->client, &after);
 	ooc_progress(self->client, &progress);
 	sum_some(self, SUMS_AFTER);
@@ -297,7 +301,7 @@ static void probe(struct crowd_client *self)
 	at = atomic_load(&self->shared->probe_count);
 	if (at == CROWD_PROBES_MAX)
 		return;
-	self->shared->probe_us[at] = (uint32_t)u64_min(us, UINT32_MAX);
+	self->shared->probe_ms[at] = ms;
 	atomic_store(&self->shared->probe_count, at + 1);
 }
 
@@ -344,24 +348,14 @@ static pid_t start(const struct crowd_config *config, const char *socket_path,
 	_exit(1);
 }
 
-static void run_client(struct crowd_client *self)
-{
-	client_run(self);
-}
-
-static void run_prober(struct crowd_client *self)
-{
-	prober_run(self);
-}
-
 pid_t crowd_client_start(const struct crowd_config *config, const char *socket_path,
 			 struct crowd_shared *shared, uint64_t seed)
 {
-	return start(config, socket_path, shared, seed, run_client);
+	return start(config, socket_path, shared, seed, client_run);
 }
 
 pid_t crowd_prober_start(const struct crowd_config *config, const char *socket_path,
 			 struct crowd_shared *shared, uint64_t seed)
 {
-	return start(config, socket_path, shared, seed, run_prober);
+	return start(config, socket_path, shared, seed, prober_run);
 }

@@ -28,9 +28,9 @@ struct crowd_shared {
 	_Atomic uint64_t refused_unreadable;
 	_Atomic uint64_t lost;
 	_Atomic uint32_t probe_count;
-	uint32_t probe_us[CROWD_PROBES_MAX];
+	double probe_ms[CROWD_PROBES_MAX];
 	_Atomic uint32_t ping_count;
-	uint32_t ping_us[CROWD_PROBES_MAX]; /* a message as long to a process that sends it back */
+	double ping_ms[CROWD_PROBES_MAX]; /* a message as long to a process that sends it back */
 	char first_failure[256];
 
 	uint32_t node_count;
