@@ -23,8 +23,4 @@ int verb_soak(int argc, char **argv);
 int verb_stress(int argc, char **argv);
 int verb_walk(int argc, char **argv);
 
-/** Says "oocbench VERB: ..." and that --help has more.  Returns: 2. */
-int verb_usage_error(const char *verb, const char *format, ...)
-	__attribute__((format(printf, 2, 3)));
-
 #endif /* TOOLS_BENCH_BENCH_H */

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT */
 /* oocbench: measures the other programs, and makes what measuring needs. */
-#include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -46,18 +45,6 @@ static void help(void)
 	     "  oocbench fetch plant.ooc\n"
 	     "  oocbench cache plant.ooc\n"
 	     "  oocbench build --triangles 13000000");
-}
-
-int verb_usage_error(const char *verb, const char *format, ...)
-{
-	char text[512];
-	va_list args;
-
-	va_start(args, format);
-	(void)vsnprintf(text, sizeof(text), format, args);
-	va_end(args);
-	log_error("%s: %s; oocbench %s --help says more", verb, text, verb);
-	return 2;
 }
 
 int main(int argc, char **argv)

@@ -15,12 +15,12 @@
 #include "formats/base/bytes.h"
 #include "formats/base/clock.h"
 #include "formats/base/file.h"
-#include "formats/base/log.h"
 #include "formats/base/text.h"
 #include "tools/bench/base/arguments.h"
 #include "tools/bench/base/figures.h"
 #include "tools/bench/base/measure.h"
 #include "tools/bench/base/report.h"
+#include "tools/bench/base/verb.h"
 #include "tools/bench/bench.h"
 
 #define REPEATS_MAX 1000u
@@ -329,7 +329,5 @@ int verb_build(int argc, char **argv)
 		r = build_measure(&build, &why);
 		measure_scratch_remove(build.scratch);
 	}
-	if (r < 0)
-		log_error("build: %s", why.text);
-	return r < 0 ? 1 : 0;
+	return verb_status("build", r, &why);
 }

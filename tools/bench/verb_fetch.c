@@ -22,6 +22,7 @@
 #include "tools/bench/base/figures.h"
 #include "tools/bench/base/measure.h"
 #include "tools/bench/base/report.h"
+#include "tools/bench/base/verb.h"
 #include "tools/bench/bench.h"
 
 #define REPEATS_MAX 1000u
@@ -454,7 +455,5 @@ int verb_fetch(int argc, char **argv)
 		log_warning("fetch: fio is not installed, so there is nothing to compare with; "
 			    "apt-get install fio");
 	r = fetch_make(&fetch, &why);
-	if (r < 0)
-		log_error("fetch: %s", why.text);
-	return r < 0 ? 1 : 0;
+	return verb_status("fetch", r, &why);
 }

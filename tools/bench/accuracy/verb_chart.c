@@ -21,6 +21,7 @@
 #include "tools/bench/base/arguments.h"
 #include "tools/bench/base/measure.h"
 #include "tools/bench/base/report.h"
+#include "tools/bench/base/verb.h"
 #include "tools/bench/bench.h"
 #include "tools/bench/path/path.h"
 
@@ -430,7 +431,5 @@ int verb_chart(int argc, char **argv)
 	}
 	r = chart_run(&verb, &why);
 	chart_verb_done(&verb);
-	if (r < 0)
-		log_error("chart: %s", why.text);
-	return r < 0 ? 1 : 0;
+	return verb_status("chart", r, &why);
 }

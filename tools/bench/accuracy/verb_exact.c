@@ -18,7 +18,6 @@
 
 #include "formats/base/bytes.h"
 #include "formats/base/file.h"
-#include "formats/base/log.h"
 #include "formats/base/text.h"
 #include "formats/store/payload.h"
 #include "formats/store/store_file.h"
@@ -30,6 +29,7 @@
 #include "tools/bench/base/arguments.h"
 #include "tools/bench/base/measure.h"
 #include "tools/bench/base/report.h"
+#include "tools/bench/base/verb.h"
 #include "tools/bench/bench.h"
 
 #define VIEWS_MAX          100000u
@@ -599,7 +599,5 @@ int verb_exact(int argc, char **argv)
 		exact_done(&exact);
 		measure_scratch_remove(exact.scratch);
 	}
-	if (r < 0)
-		log_error("exact: %s", why.text);
-	return r == 0 && holds ? 0 : 1;
+	return verb_status("exact", r, &why) || !holds;
 }

@@ -14,7 +14,6 @@
 
 #include "formats/base/bytes.h"
 #include "formats/base/clock.h"
-#include "formats/base/log.h"
 #include "libclient/select/occlusion.h"
 #include "libclient/select/raster.h"
 #include "libclient/select/select.h"
@@ -23,6 +22,7 @@
 #include "tools/bench/base/figures.h"
 #include "tools/bench/base/measure.h"
 #include "tools/bench/base/report.h"
+#include "tools/bench/base/verb.h"
 #include "tools/bench/bench.h"
 
 #define VIEWS_MAX 1000000u
@@ -600,7 +600,5 @@ int verb_select(int argc, char **argv)
 	if (r == 0)
 		select_report(&verb);
 	select_done(&verb);
-	if (r < 0)
-		log_error("select: %s", why.text);
-	return r == 0 && verb.differing == 0 ? 0 : 1;
+	return verb_status("select", r, &why) || verb.differing > 0;
 }

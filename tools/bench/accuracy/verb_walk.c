@@ -17,12 +17,12 @@
 #include <sys/stat.h>
 
 #include "formats/base/bytes.h"
-#include "formats/base/log.h"
 #include "tools/bench/accuracy/judge.h"
 #include "tools/bench/accuracy/tour.h"
 #include "tools/bench/accuracy/walk_report.h"
 #include "tools/bench/base/arguments.h"
 #include "tools/bench/base/measure.h"
+#include "tools/bench/base/verb.h"
 #include "tools/bench/bench.h"
 
 #define FRAMES_MAX 1000000u
@@ -384,7 +384,5 @@ int verb_walk(int argc, char **argv)
 		return verb_usage_error("walk", "it needs --path P.csv and -o FOLDER");
 	r = walk_run(&verb, &why);
 	walk_verb_done(&verb);
-	if (r < 0)
-		log_error("walk: %s", why.text);
-	return r == 0 && verb.results.differing_pictures == 0 ? 0 : 1;
+	return verb_status("walk", r, &why) || verb.results.differing_pictures > 0;
 }

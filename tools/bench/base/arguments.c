@@ -8,7 +8,7 @@
 
 #include "formats/base/check.h"
 #include "formats/base/text.h"
-#include "tools/bench/bench.h"
+#include "tools/bench/base/verb.h"
 
 /* Keys of options without a letter begin behind all letters. */
 #define KEY_FIRST 256

@@ -12,13 +12,13 @@
 
 #include "formats/base/bytes.h"
 #include "formats/base/file.h"
-#include "formats/base/log.h"
 #include "libclient/ooc/client.h"
 #include "tools/bench/base/arguments.h"
 #include "tools/bench/base/figures.h"
 #include "tools/bench/base/measure.h"
 #include "tools/bench/base/plot.h"
 #include "tools/bench/base/report.h"
+#include "tools/bench/base/verb.h"
 #include "tools/bench/bench.h"
 #include "tools/bench/contest/contest.h"
 #include "tools/bench/contest/frames.h"
@@ -693,7 +693,5 @@ int verb_cache(int argc, char **argv)
 		return verb_usage_error("cache", "--viewers takes a --path for them to go along");
 	cache.options = &options;
 	r = options.is_restart ? cache_restart(&options, &why) : cache_make(&cache, &why);
-	if (r < 0)
-		log_error("cache: %s", why.text);
-	return r < 0;
+	return verb_status("cache", r, &why);
 }

@@ -10,6 +10,7 @@
 #include "formats/base/log.h"
 #include "tools/bench/base/arguments.h"
 #include "tools/bench/base/report.h"
+#include "tools/bench/base/verb.h"
 #include "tools/bench/bench.h"
 #include "tools/bench/crowd/crowd.h"
 
@@ -150,9 +151,7 @@ static int run(const char *verb, const char *help, struct crowd_config *config, 
 	r = crowd_run(config, &result, &why);
 	if (r == 0)
 		crowd_report(config, &result, is_json);
-	else
-		log_error("%s: %s", verb, why.text);
-	return r == 0 && is_sound(&result) ? 0 : 1;
+	return verb_status(verb, r, &why) || !is_sound(&result);
 }
 
 int verb_stress(int argc, char **argv)

@@ -7,11 +7,11 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "formats/base/log.h"
 #include "formats/base/text.h"
 #include "libclient/select/camera.h"
 #include "tools/bench/base/arguments.h"
 #include "tools/bench/base/report.h"
+#include "tools/bench/base/verb.h"
 #include "tools/bench/bench.h"
 #include "tools/bench/path/path.h"
 
@@ -118,7 +118,5 @@ int verb_path(int argc, char **argv)
 	if (r == 0 && options.is_json)
 		path_report(&options, &result);
 	path_done(&result);
-	if (r < 0)
-		log_error("path: %s", why.text);
-	return r < 0 ? 1 : 0;
+	return verb_status("path", r, &why);
 }

@@ -17,12 +17,12 @@
 
 #include "formats/base/bytes.h"
 #include "formats/base/clock.h"
-#include "formats/base/log.h"
 #include "libclient/ooc/client.h"
 #include "libclient/select/select.h"
 #include "tools/bench/base/arguments.h"
 #include "tools/bench/base/measure.h"
 #include "tools/bench/base/report.h"
+#include "tools/bench/base/verb.h"
 #include "tools/bench/bench.h"
 
 #define VIEWERS_MAX 64u
@@ -264,6 +264,19 @@ static int record_run(struct record *record, char *const *paths, struct why *why
 	return r;
 }
 
+static void record_report(const struct record *record)
+{
+	struct report report;
+
+	report_begin(&report, record->options->is_json);
+	report_text(&report, "trace", "trace", record->options->out);
+	report_number(&report, "sets", "sets", (double)record->set_count, "");
+	report_number(&report, "wants", "wants", (double)record->want_count, "");
+	report_number(&report, "incomplete", "sets that did not fit",
+		      (double)record->incomplete_count, "");
+	report_end(&report);
+}
+
 int verb_record(int argc, char **argv)
 {
 	struct record_options options = {
@@ -286,7 +299,6 @@ int verb_record(int argc, char **argv)
 	const struct arguments arguments = {
 		"record", help, table, 2, -1, "name a store and at least one camera path"
 	};
-	struct report report;
 	char **operands;
 	struct why why = { "" };
 	int r = arguments_parse(&arguments, argc, argv, &operands);
@@ -300,16 +312,7 @@ int verb_record(int argc, char **argv)
 	for (size_t i = 0; record.rows && i < record.row_count; i++)
 		free(record.rows[i].cameras);
 	free(record.rows);
-	if (r < 0) {
-		log_error("record: %s", why.text);
-		return 1;
-	}
-	report_begin(&report, options.is_json);
-	report_text(&report, "trace", "trace", options.out);
-	report_number(&report, "sets", "sets", (double)record.set_count, "");
-	report_number(&report, "wants", "wants", (double)record.want_count, "");
-	report_number(&report, "incomplete", "sets that did not fit",
-		      (double)record.incomplete_count, "");
-	report_end(&report);
-	return 0;
+	if (r == 0)
+		record_report(&record);
+	return verb_status("record", r, &why);
 }

@@ -19,6 +19,7 @@
 #include "tools/bench/base/measure.h"
 #include "tools/bench/base/plot.h"
 #include "tools/bench/base/report.h"
+#include "tools/bench/base/verb.h"
 #include "tools/bench/bench.h"
 #include "tools/bench/replay/bound.h"
 #include "tools/bench/replay/replay_cache.h"
@@ -401,7 +402,5 @@ int verb_replay(int argc, char **argv)
 	for (uint32_t i = 0; !options.policies && i < REPLACEMENT_COUNT_; i++)
 		options.has_policy[i] = true;
 	r = replay_all(&options, operands, &why);
-	if (r < 0)
-		log_error("replay: %s", why.text);
-	return r < 0 ? 1 : 0;
+	return verb_status("replay", r, &why);
 }
