@@ -4,12 +4,14 @@
 #include <ftw.h>
 #include <grp.h>
 #include <setjmp.h>
+#include <signal.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -179,13 +181,40 @@ void test_file_write(const char *path, const void *data, size_t size_bytes)
 		fail_msg("%s: cannot be written", path);
 }
 
+/* ---- processes ---- */
+
+pid_t test_fork(void)
+{
+	pid_t pid;
+
+	/* What is not written yet would be written by both. */
+	(void)fflush(NULL);
+	pid = fork();
+	assert_true(pid >= 0);
+	if (pid == 0) {
+		(void)prctl(PR_SET_PDEATHSIG, SIGKILL);
+		(void)setenv("CMOCKA_TEST_ABORT", "1", 1);
+	}
+	return pid;
+}
+
+int test_wait(pid_t pid)
+{
+	int status;
+
+	assert_int_equal(waitpid(pid, &status, 0), pid);
+	return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
+}
+
 /* ---- users ---- */
 
 bool test_become_other_user(void)
 {
+	/* The kernel forgets about the parent's death where a process becomes somebody else. */
 	return setgroups(0, NULL) == 0 &&
 	       setresgid(TEST_OTHER_UID, TEST_OTHER_UID, TEST_OTHER_UID) == 0 &&
-	       setresuid(TEST_OTHER_UID, TEST_OTHER_UID, TEST_OTHER_UID) == 0;
+	       setresuid(TEST_OTHER_UID, TEST_OTHER_UID, TEST_OTHER_UID) == 0 &&
+	       prctl(PR_SET_PDEATHSIG, SIGKILL) == 0;
 }
 
 /* ---- programs ---- */

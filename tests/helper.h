@@ -11,6 +11,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <sys/types.h>
 
 /* ---- the whole program ---- */
 
@@ -61,6 +62,19 @@ const char *test_folder_list(const char *folder);
 /** Reads a whole file.  Ownership: free(). */
 void *test_file_read(const char *path, size_t *ret_bytes);
 void test_file_write(const char *path, const void *data, size_t size_bytes);
+
+/* ---- processes ---- */
+
+/**
+ * Forks.  The child dies with its parent, and at a check that fails: else it would go on with the tests
+ * that follow.
+ *
+ * Returns: as fork(), which does not fail.
+ */
+pid_t test_fork(void);
+
+/** Waits until a child has ended.  Returns: its exit status, or minus the signal that killed it. */
+int test_wait(pid_t pid);
 
 /* ---- users ---- */
 

@@ -13,22 +13,18 @@
 
 #include <cmocka.h>
 
-#include <dirent.h>
 #include <fcntl.h>
 #include <signal.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "tests/helper.h"
 #include "tests/integration/daemon_kit.h"
 
-#define ENTRIES_MAX 64u
 /* More than a visit has: the loop ends when one passes without a failure. */
 #define CALLS_MAX 200u
 
@@ -81,31 +77,6 @@ static void note_daemon(void)
 	daemon_pid = getpid();
 }
 
-static uint32_t descriptors_of(pid_t pid)
-{
-	char path[64];
-	uint32_t count = 0;
-	DIR *folder;
-
-	(void)snprintf(path, sizeof(path), "/proc/%d/fd", (int)pid);
-	folder = opendir(path);
-	assert_non_null(folder);
-	while (readdir(folder))
-		count++;
-	(void)closedir(folder);
-	return count;
-}
-
-static void check_honest(struct kit_client *honest)
-{
-	struct kit_store *store = &honest->stores[0];
-	struct wire_entry entries[ENTRIES_MAX];
-
-	kit_set(honest, entries, kit_entries(store, 0, 0, 20, entries), WIRE_SET_RETIRE);
-	kit_settle(honest);
-	assert_int_equal(kit_count_drawable(store), 20);
-}
-
 /* Ends the visit where the daemon says no. */
 static void await(struct kit_client *client, uint16_t type)
 {
@@ -122,27 +93,17 @@ static _Noreturn void visitor_main(const struct kit_daemon *daemon, const char *
 				   uint32_t round)
 {
 	struct wire_status question = { .what = WIRE_STATUS_ALL };
-	struct wire_entry entries[ENTRIES_MAX];
-	_Alignas(struct wire_prefetch)
-		uint8_t bytes[sizeof(struct wire_prefetch) + sizeof(struct wire_entry)] = { 0 };
-	struct wire_prefetch *wish = (struct wire_prefetch *)(void *)bytes;
 	struct kit_client *client;
-	struct kit_store *store;
 
-	/* Where it fails it ends, without a word and without what ends a test. */
-	(void)setenv("CMOCKA_TEST_ABORT", "1", 1);
+	/* Where it fails it ends, without a word and without a core. */
 	(void)prctl(PR_SET_DUMPABLE, 0);
 	if (!freopen("/dev/null", "w", stdout) || !freopen("/dev/null", "w", stderr))
 		_exit(2);
 	client = kit_hello(daemon);
-	store = &client->stores[0];
 	kit_send_open(client, 0, open(path, O_RDONLY | O_CLOEXEC));
 	await(client, WIRE_OPENED);
-	kit_entries(store, 0, 60, 1, wish->entries);
-	wish->entry_count = 1;
-	wire_header_init(&wish->header, WIRE_PREFETCH, sizeof(bytes));
-	kit_send(client, bytes, sizeof(bytes), -1);
-	kit_set(client, entries, kit_entries(store, 0, round % 50, 40, entries), WIRE_SET_RETIRE);
+	(void)kit_prefetch(client, 0, 60, 1);
+	(void)kit_want(client, 0, round % 50, 40, WIRE_SET_RETIRE);
 	kit_settle(client);
 	wire_header_init(&question.header, WIRE_STATUS, sizeof(question));
 	kit_send(client, &question, sizeof(question), -1);
@@ -153,15 +114,11 @@ static _Noreturn void visitor_main(const struct kit_daemon *daemon, const char *
 /* All that a client does, in a process of its own that may fail at any of it. */
 static void visit(const struct kit_daemon *daemon, const char *path, uint32_t round)
 {
-	int status;
-	pid_t pid;
+	pid_t pid = test_fork();
 
-	(void)fflush(NULL);
-	pid = fork();
-	assert_true(pid >= 0);
 	if (pid == 0)
 		visitor_main(daemon, path, round);
-	assert_int_equal(waitpid(pid, &status, 0), pid);
+	(void)test_wait(pid);
 }
 
 static void the_daemon_serves_on_whichever_allocation_fails(void **state)
@@ -184,24 +141,24 @@ static void the_daemon_serves_on_whichever_allocation_fails(void **state)
 	honest = kit_hello(&daemon);
 	kit_open(honest, 0, first_path);
 	kit_open(honest, 1, second_path);
-	check_honest(honest);
+	kit_check_served(honest, 0);
 	visit(&daemon, second_path, 0);
 	kit_await_number(honest, "sessions", 1);
-	before = descriptors_of(daemon.pid);
+	before = kit_descriptor_count(daemon.pid);
 	do {
 		atomic_store(countdown, ++nth);
 		visit(&daemon, second_path, nth);
 		if (atomic_load(countdown) > 0)
 			break;
-		check_honest(honest);
+		kit_check_served(honest, 0);
 		kit_await_number(honest, "sessions", 1);
 	} while (nth < CALLS_MAX);
 	atomic_store(countdown, 0);
 	print_message("%u allocations\n", nth - 1);
 	assert_in_range(nth, 5, CALLS_MAX - 1);
-	check_honest(honest);
+	kit_check_served(honest, 0);
 	kit_await_number(honest, "sessions", 1);
-	assert_int_equal(descriptors_of(daemon.pid), before);
+	assert_int_equal(kit_descriptor_count(daemon.pid), before);
 	kit_disconnect(honest);
 	assert_int_equal(kit_daemon_stop(&daemon, SIGTERM), 0);
 	(void)munmap((void *)countdown, sizeof(*countdown));

@@ -15,10 +15,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
-#include <sys/prctl.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <sys/un.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "formats/base/bytes.h"
@@ -78,13 +77,8 @@ void kit_daemon_start_prepared(const char *folder, const struct server_config *c
 	(void)snprintf(ret->socket_path, sizeof(ret->socket_path), "%s/oocd.sock", folder);
 	own.socket_path = ret->socket_path;
 	assert_int_equal(pipe2(ready, O_CLOEXEC), 0);
-	/* What is not written yet would be written by both. */
-	(void)fflush(NULL);
-	ret->pid = fork();
-	assert_true(ret->pid >= 0);
+	ret->pid = test_fork();
 	if (ret->pid == 0) {
-		/* A test that fails leaves no daemon behind, which would keep its output open. */
-		(void)prctl(PR_SET_PDEATHSIG, SIGKILL);
 		(void)close(ready[0]);
 		if (prepare)
 			prepare();
@@ -98,11 +92,14 @@ void kit_daemon_start_prepared(const char *folder, const struct server_config *c
 
 int kit_daemon_stop(struct kit_daemon *daemon, int signal)
 {
-	int status;
-
 	assert_int_equal(kill(daemon->pid, signal), 0);
-	assert_int_equal(waitpid(daemon->pid, &status, 0), daemon->pid);
-	return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
+	return test_wait(daemon->pid);
+}
+
+void kit_let_others_in(const char *folder, const struct kit_daemon *daemon)
+{
+	assert_int_equal(chmod(folder, 0711), 0);
+	assert_int_equal(chmod(daemon->socket_path, 0666), 0);
 }
 
 uint32_t kit_descriptor_count(pid_t pid)
@@ -368,6 +365,33 @@ uint32_t kit_entries(const struct kit_store *store, uint32_t slot, uint32_t firs
 	return taken;
 }
 
+uint32_t kit_want(struct kit_client *client, uint32_t slot, uint32_t first, uint32_t count,
+		  uint32_t flags)
+{
+	const struct kit_store *store = &client->stores[slot];
+	struct wire_entry *entries = calloc(store->node_count, sizeof(*entries));
+
+	count = kit_entries(store, slot, first, (uint32_t)u64_min(count, store->node_count),
+			    entries);
+	kit_set(client, entries, count, flags);
+	free(entries);
+	return count;
+}
+
+uint32_t kit_prefetch(struct kit_client *client, uint32_t slot, uint32_t first, uint32_t count)
+{
+	_Alignas(8) uint8_t bytes[WIRE_MESSAGE_BYTES_MAX] = { 0 };
+	struct wire_prefetch *message = (struct wire_prefetch *)(void *)bytes;
+
+	assert_true(sizeof(*message) + count * sizeof(message->entries[0]) <= sizeof(bytes));
+	count = kit_entries(&client->stores[slot], slot, first, count, message->entries);
+	message->entry_count = count;
+	wire_header_init(&message->header, WIRE_PREFETCH,
+			 sizeof(*message) + count * sizeof(message->entries[0]));
+	kit_send(client, message, message->header.bytes, -1);
+	return count;
+}
+
 bool kit_is_settled(const struct kit_client *client)
 {
 	return atomic_load_explicit(&client->page->settled, memory_order_acquire) >= client->serial;
@@ -435,6 +459,13 @@ uint32_t kit_count_payloads(const struct kit_store *store)
 	for (uint32_t i = 0; i < store->node_count; i++)
 		count += store->nodes[i].payload_id != 0;
 	return count;
+}
+
+void kit_check_served(struct kit_client *client, uint32_t first)
+{
+	(void)kit_want(client, 0, first, 20, WIRE_SET_RETIRE);
+	kit_settle(client);
+	assert_int_equal(kit_count_drawable(&client->stores[0]), 20);
 }
 
 /* ---- status ---- */

@@ -43,6 +43,9 @@ void kit_daemon_start_prepared(const char *folder, const struct server_config *c
 /** Ends it by a signal and waits.  Returns: its exit status, or minus the signal that killed it. */
 int kit_daemon_stop(struct kit_daemon *daemon, int signal);
 
+/** Lets other users come to the daemon. */
+void kit_let_others_in(const char *folder, const struct kit_daemon *daemon);
+
 /** Descriptors that a process has open. */
 uint32_t kit_descriptor_count(pid_t pid);
 
@@ -106,6 +109,13 @@ void kit_set(struct kit_client *client, const struct wire_entry *entries, uint32
 /** Nodes with payload first .. first + count - 1 of a store, as entries. */
 uint32_t kit_entries(const struct kit_store *store, uint32_t slot, uint32_t first, uint32_t count,
 		     struct wire_entry *ret);
+/** As many as there are. */
+#define KIT_ALL UINT32_MAX
+/** Sends a set of these nodes of an open store.  Returns: how many they are. */
+uint32_t kit_want(struct kit_client *client, uint32_t slot, uint32_t first, uint32_t count,
+		  uint32_t flags);
+/** Sends a PREFETCH of these nodes.  Returns: likewise. */
+uint32_t kit_prefetch(struct kit_client *client, uint32_t slot, uint32_t first, uint32_t count);
 /** Returns: is it settled? */
 bool kit_is_settled(const struct kit_client *client);
 /** Waits until the set is settled. */
@@ -120,6 +130,9 @@ bool kit_is_whole(const struct kit_store *store, uint32_t node);
 /** Nodes with payload that are drawable and whole; one that is drawable and not whole fails. */
 uint32_t kit_count_drawable(const struct kit_store *store);
 uint32_t kit_count_payloads(const struct kit_store *store);
+
+/** Is a client served?  It gets twenty nodes of the store in slot 0, and nothing else. */
+void kit_check_served(struct kit_client *client, uint32_t first);
 
 /** Asks for the status.  Ownership: free(). */
 char *kit_status(struct kit_client *client);

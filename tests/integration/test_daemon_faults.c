@@ -17,10 +17,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/prctl.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "formats/base/bytes.h"
@@ -91,15 +89,9 @@ static int teardown(void **state)
 /* The honest client draws twenty nodes, from wherever it is. */
 static void check_honest(struct fixture *fixture, uint32_t first)
 {
-	struct kit_store *store = &fixture->honest->stores[0];
-	uint32_t count;
-
-	if (!store->superblock)
+	if (!fixture->honest->stores[0].superblock)
 		kit_open(fixture->honest, 0, fixture->store_path);
-	count = kit_entries(store, 0, first, 20, entries);
-	kit_set(fixture->honest, entries, count, WIRE_SET_RETIRE);
-	kit_settle(fixture->honest);
-	assert_int_equal(kit_count_drawable(store), 20);
+	kit_check_served(fixture->honest, first);
 }
 
 /* ---- death ---- */
@@ -111,7 +103,6 @@ static void fork_keeper(int until_fd)
 
 	if (fork() > 0)
 		return;
-	(void)prctl(PR_SET_PDEATHSIG, 0);
 	(void)!read(until_fd, &byte, 1);
 	_exit(0);
 }
@@ -128,16 +119,12 @@ static pid_t start_holder(const struct fixture *fixture, const int *child_until)
 	pid_t pid;
 
 	assert_int_equal(pipe2(ready, O_CLOEXEC), 0);
-	(void)fflush(NULL);
-	pid = fork();
-	assert_true(pid >= 0);
+	pid = test_fork();
 	if (pid == 0) {
 		struct kit_client *client = kit_hello(&fixture->daemon);
-		struct kit_store *store = kit_open(client, 0, fixture->store_path);
-		uint32_t count = kit_entries(store, 0, 0, HELD_COUNT, entries);
 
-		(void)prctl(PR_SET_PDEATHSIG, SIGKILL);
-		kit_set(client, entries, count, WIRE_SET_RETIRE);
+		kit_open(client, 0, fixture->store_path);
+		(void)kit_want(client, 0, 0, HELD_COUNT, WIRE_SET_RETIRE);
 		kit_settle(client);
 		if (child_until) {
 			(void)close(child_until[1]);
@@ -158,14 +145,13 @@ static void kill_holder(struct fixture *fixture, bool with_child)
 {
 	int until[2];
 	pid_t holder;
-	int status;
 
 	assert_int_equal(pipe2(until, O_CLOEXEC), 0);
 	holder = start_holder(fixture, with_child ? until : NULL);
 	assert_true(kit_status_number(fixture->honest, "held_and_busy_bytes") >=
 		    (uint64_t)HELD_COUNT * WIRE_PAGE_BYTES);
 	assert_int_equal(kill(holder, SIGKILL), 0);
-	assert_int_equal(waitpid(holder, &status, 0), holder);
+	assert_int_equal(test_wait(holder), -SIGKILL);
 	kit_await_number(fixture->honest, "held_and_busy_bytes", 0);
 	/* The honest one is the only client left. */
 	kit_await_number(fixture->honest, "sessions", 1);
@@ -281,7 +267,7 @@ static void a_client_that_breaks_the_protocol_is_dropped_alone(void **state)
 	}
 }
 
-static void bytes_at_random_are_refused(void **state)
+static void bytes_at_random_harm_nobody(void **state)
 {
 	struct fixture *fixture = *state;
 	unsigned seed = 12;
@@ -320,9 +306,7 @@ static void a_client_that_never_reads_harms_nobody(void **state)
 	}
 	for (uint32_t round = 0; round < 200; round++) {
 		for (uint32_t i = 0; i < 8; i++) {
-			uint32_t count = kit_entries(&clients[i]->stores[0], 0, round, 40, entries);
-
-			kit_set(clients[i], entries, count, WIRE_SET_RETIRE);
+			(void)kit_want(clients[i], 0, round, 40, WIRE_SET_RETIRE);
 			kit_send(clients[i], &message, sizeof(message), -1);
 		}
 		if (round % 20 == 0)
@@ -452,34 +436,36 @@ static void a_disk_that_fails_now_and_then_loses_only_what_it_fails(void **state
 {
 	struct fixture *fixture = *state;
 	struct kit_store *store = kit_open(fixture->honest, 0, fixture->store_path);
-	uint32_t count = kit_entries(store, 0, 0, ENTRIES_MAX, entries);
+	uint32_t count = kit_want(fixture->honest, 0, 0, KIT_ALL, WIRE_SET_RETIRE);
 	uint32_t drawable;
 
-	kit_set(fixture->honest, entries, count, WIRE_SET_RETIRE);
 	kit_settle(fixture->honest);
 	drawable = kit_count_drawable(store);
 	assert_in_range(drawable, count / 2, count - 1);
 	assert_int_equal(fixture->honest->refusal_count, count - drawable);
 }
 
+/* Somebody who comes now is served from another store than the honest client. */
+static void check_is_another_store(struct fixture *fixture)
+{
+	struct kit_client *client = kit_hello(&fixture->daemon);
+	const struct kit_store *store = kit_open(client, 0, fixture->store_path);
+
+	assert_true(store->node_count != fixture->honest->stores[0].node_count);
+	kit_check_served(client, 0);
+	kit_disconnect(client);
+}
+
 static void a_store_replaced_by_another_is_another_store(void **state)
 {
 	struct fixture *fixture = *state;
 	const struct test_grid other_grid = { .count = 6 };
-	struct kit_client *client;
-	struct kit_store *store;
 
 	check_honest(fixture, 0);
 	/* Committing replaces the name; the old file lives on for those who have it. */
 	test_store_grid_make(fixture->store_path, &other_grid);
-	client = kit_hello(&fixture->daemon);
-	store = kit_open(client, 0, fixture->store_path);
-	assert_true(store->node_count != fixture->honest->stores[0].node_count);
-	kit_set(client, entries, kit_entries(store, 0, 0, 20, entries), 0);
-	kit_settle(client);
-	assert_int_equal(kit_count_drawable(store), 20);
+	check_is_another_store(fixture);
 	check_honest(fixture, 30);
-	kit_disconnect(client);
 }
 
 static void a_store_written_anew_in_its_place_is_noticed_when_it_is_opened(void **state)
@@ -487,8 +473,6 @@ static void a_store_written_anew_in_its_place_is_noticed_when_it_is_opened(void 
 	struct fixture *fixture = *state;
 	const struct test_grid other_grid = { .count = 6 };
 	const char *other_path = test_path(fixture->folder, "other.ooc");
-	struct kit_client *client;
-	struct kit_store *store;
 	uint8_t *content;
 	size_t bytes;
 
@@ -497,13 +481,7 @@ static void a_store_written_anew_in_its_place_is_noticed_when_it_is_opened(void 
 	content = test_file_read(other_path, &bytes);
 	test_file_write(fixture->store_path, content, bytes);
 	free(content);
-	client = kit_hello(&fixture->daemon);
-	store = kit_open(client, 0, fixture->store_path);
-	assert_true(store->node_count != fixture->honest->stores[0].node_count);
-	kit_set(client, entries, kit_entries(store, 0, 0, 20, entries), 0);
-	kit_settle(client);
-	assert_int_equal(kit_count_drawable(store), 20);
-	kit_disconnect(client);
+	check_is_another_store(fixture);
 }
 
 static void many_connections_at_once_are_served_or_told_why_not(void **state)
@@ -530,7 +508,7 @@ int main(void)
 			setup_many, teardown),
 		FAULT_TEST(another_version_is_told_so),
 		FAULT_TEST(a_client_that_breaks_the_protocol_is_dropped_alone),
-		FAULT_TEST(bytes_at_random_are_refused),
+		FAULT_TEST(bytes_at_random_harm_nobody),
 		FAULT_TEST(a_client_that_never_reads_harms_nobody),
 		FAULT_TEST(what_is_no_store_is_refused_with_its_reason),
 		FAULT_TEST(a_store_cut_anywhere_is_refused_or_served_without_what_is_gone),

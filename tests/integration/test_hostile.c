@@ -23,14 +23,12 @@
 #include <sys/mman.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "formats/base/bytes.h"
 #include "tests/helper.h"
 #include "tests/integration/daemon_kit.h"
 
-#define ENTRIES_MAX   64u
 #define FUZZ_MESSAGES 1500u
 #define SKIPPED       77
 
@@ -41,8 +39,6 @@ struct fixture {
 	struct kit_client *honest;
 	unsigned seed;
 };
-
-static struct wire_entry entries[ENTRIES_MAX];
 
 static int setup(void **state)
 {
@@ -57,9 +53,7 @@ static int setup(void **state)
 		       fixture->folder);
 	test_store_grid_make(fixture->store_path, &grid);
 	kit_daemon_start(fixture->folder, &config, &fixture->daemon);
-	/* Others have to get there. */
-	assert_int_equal(chmod(fixture->folder, 0711), 0);
-	assert_int_equal(chmod(fixture->daemon.socket_path, 0666), 0);
+	kit_let_others_in(fixture->folder, &fixture->daemon);
 	fixture->honest = kit_hello(&fixture->daemon);
 	kit_open(fixture->honest, 0, fixture->store_path);
 	*state = fixture;
@@ -75,16 +69,6 @@ static int teardown(void **state)
 	test_folder_remove(fixture->folder);
 	free(fixture);
 	return 0;
-}
-
-static void check_honest(struct fixture *fixture, uint32_t first)
-{
-	struct kit_store *store = &fixture->honest->stores[0];
-	uint32_t count = kit_entries(store, 0, first, 20, entries);
-
-	kit_set(fixture->honest, entries, count, WIRE_SET_RETIRE);
-	kit_settle(fixture->honest);
-	assert_int_equal(kit_count_drawable(store), 20);
 }
 
 /* ---- a live socket ---- */
@@ -170,7 +154,7 @@ static void messages_at_random_with_descriptors_crash_nothing_and_leak_nothing(v
 	uint32_t before;
 
 	print_message("seed %u\n", seed);
-	check_honest(fixture, 0);
+	kit_check_served(fixture->honest, 0);
 	before = kit_descriptor_count(fixture->daemon.pid);
 	for (uint32_t i = 0; i < FUZZ_MESSAGES; i++) {
 		_Alignas(8) uint8_t bytes[2048];
@@ -185,13 +169,13 @@ static void messages_at_random_with_descriptors_crash_nothing_and_leak_nothing(v
 		}
 		send_with_descriptors(client, &seed, bytes, length, choice);
 		if (i % 100 == 0)
-			check_honest(fixture, i % 40);
+			kit_check_served(fixture->honest, i % 40);
 	}
 	kit_disconnect(client);
 	for (uint32_t i = 0; i < ARRAY_LENGTH(choice); i++)
 		(void)close(choice[i]);
 	print_message("%u connections\n", connection_count);
-	check_honest(fixture, 0);
+	kit_check_served(fixture->honest, 0);
 	kit_await_number(fixture->honest, "sessions", 1);
 	assert_int_equal(kit_descriptor_count(fixture->daemon.pid), before);
 }
@@ -201,20 +185,14 @@ static void messages_at_random_with_descriptors_crash_nothing_and_leak_nothing(v
 /* Runs it as another user, in a process of its own.  Returns: what it returned, or SKIPPED. */
 static int as_another_user(struct fixture *fixture, int (*attempt)(struct fixture *fixture))
 {
-	int status;
-	pid_t pid;
+	pid_t pid = test_fork();
 
-	(void)fflush(NULL);
-	pid = fork();
-	assert_true(pid >= 0);
 	if (pid == 0) {
 		if (!test_become_other_user())
 			_exit(SKIPPED);
 		_exit(attempt(fixture));
 	}
-	assert_int_equal(waitpid(pid, &status, 0), pid);
-	assert_true(WIFEXITED(status));
-	return WEXITSTATUS(status);
+	return test_wait(pid);
 }
 
 static void must_be_refused(int result)
@@ -292,9 +270,9 @@ static void another_user_can_write_nothing_that_is_shared(void **state)
 	struct fixture *fixture = *state;
 
 	assert_int_equal(chmod(fixture->store_path, 0644), 0);
-	check_honest(fixture, 0);
+	kit_check_served(fixture->honest, 0);
 	must_be_refused(as_another_user(fixture, attack_what_is_given));
-	check_honest(fixture, 0);
+	kit_check_served(fixture->honest, 0);
 }
 
 /* Returns: 0 when the store is no more to it than a file that there is not. */
@@ -334,9 +312,9 @@ static void who_may_not_read_a_store_gets_no_descriptor_and_no_hint(void **state
 	assert_int_equal(chmod(fixture->store_path, 0600), 0);
 	test_file_write(test_path(fixture->folder, "b.ooc"), "nothing", 7);
 	assert_int_equal(chmod(test_path(fixture->folder, "b.ooc"), 0600), 0);
-	check_honest(fixture, 0);
+	kit_check_served(fixture->honest, 0);
 	must_be_refused(as_another_user(fixture, attack_what_it_may_not_read));
-	check_honest(fixture, 0);
+	kit_check_served(fixture->honest, 0);
 }
 
 int main(void)

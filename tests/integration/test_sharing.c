@@ -17,7 +17,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/prctl.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
@@ -34,40 +33,25 @@
 
 /* ---- users ---- */
 
-/* Others have to get there. */
-static void let_others_in(const char *folder, const struct kit_daemon *daemon)
-{
-	assert_int_equal(chmod(folder, 0711), 0);
-	assert_int_equal(chmod(daemon->socket_path, 0666), 0);
-}
-
 /* Connects as another user.  Returns: was it welcome? */
 static bool other_user_is_welcome(const struct kit_daemon *daemon)
 {
-	int status;
-	pid_t pid;
+	pid_t pid = test_fork();
 
-	(void)fflush(NULL);
-	pid = fork();
-	assert_true(pid >= 0);
 	if (pid == 0) {
 		if (!test_become_other_user())
 			_exit(1);
 		kit_disconnect(kit_hello(daemon));
 		_exit(0);
 	}
-	assert_int_equal(waitpid(pid, &status, 0), pid);
-	return WIFEXITED(status) && WEXITSTATUS(status) == 0;
+	return test_wait(pid) == 0;
 }
 
 /* Connects again and again, as who has as many clients as it may.  Ends with 0 if all were refused. */
 static pid_t start_flood(const struct kit_daemon *daemon)
 {
-	pid_t pid;
+	pid_t pid = test_fork();
 
-	(void)fflush(NULL);
-	pid = fork();
-	assert_true(pid >= 0);
 	if (pid > 0)
 		return pid;
 	for (uint64_t i = 0; i < test_repeats(REFUSED_COUNT); i++) {
@@ -96,7 +80,7 @@ static void a_user_over_its_cap_is_told_so_and_another_still_connects(void **sta
 	config.policies = policies;
 	config.policy_count = 1;
 	kit_daemon_start(*state, &config, &daemon);
-	let_others_in(*state, &daemon);
+	kit_let_others_in(*state, &daemon);
 	for (uint32_t i = 0; i < CAP; i++)
 		clients[i] = kit_hello(&daemon);
 	flood = start_flood(&daemon);
@@ -154,6 +138,13 @@ static const char *make_store(const char *folder)
 	return path;
 }
 
+/* As many nodes as a cache has room for, whichever they are. */
+static uint32_t nodes_that_fit(const struct kit_store *store, const struct server_config *config)
+{
+	return (uint32_t)(config->cache_bytes /
+			  bytes_round_up(store->superblock->payload_bytes_max, WIRE_PAGE_BYTES));
+}
+
 static void crowd_want(struct crowd *crowd, uint32_t i, uint32_t first, uint32_t count)
 {
 	struct kit_client *client = crowd->clients[i];
@@ -198,14 +189,17 @@ static void crowd_settle(struct crowd *crowd)
 	assert_true(crowd_is_settled(crowd));
 }
 
-/* A set may be refused while others take their time to let go, and is granted when they have. */
-static void await_drawable(struct kit_client *client, const struct wire_entry *entries,
-			   uint32_t count)
+/*
+ * Wants nodes until it has them: a set may be refused while others take their time to let go, and is
+ * granted when they have.
+ */
+static void want_until_drawable(struct kit_client *client, uint32_t first, uint32_t count)
 {
+	assert_int_equal(kit_want(client, 0, first, count, WIRE_SET_RETIRE), count);
 	while (kit_count_drawable(&client->stores[0]) < count) {
 		kit_receive_any(client);
 		if (client->recalled)
-			kit_set(client, entries, count, WIRE_SET_RETIRE);
+			(void)kit_want(client, 0, first, count, WIRE_SET_RETIRE);
 	}
 }
 
@@ -236,9 +230,7 @@ static void a_crowd_that_wants_three_times_the_cache_settles_and_reads_no_more(v
 		crowd->clients[i] = kit_hello(&daemon);
 		kit_open(crowd->clients[i], 0, path);
 	}
-	fit = (uint32_t)(config.cache_bytes /
-			 bytes_round_up(crowd->clients[0]->stores[0].superblock->payload_bytes_max,
-					WIRE_PAGE_BYTES));
+	fit = nodes_that_fit(&crowd->clients[0]->stores[0], &config);
 	for (uint32_t step = 0; step < 5; step++) {
 		/* The first wants little and has it; the others share what is left. */
 		crowd_want(crowd, 0, 0, fit / 20);
@@ -271,16 +263,13 @@ static pid_t start_greedy_user(const struct kit_daemon *daemon, const char *path
 	pid_t pid;
 
 	assert_int_equal(pipe2(ready, O_CLOEXEC), 0);
-	(void)fflush(NULL);
-	pid = fork();
-	assert_true(pid >= 0);
+	pid = test_fork();
 	if (pid == 0) {
 		struct crowd *crowd = calloc(1, sizeof(*crowd));
 
 		(void)close(ready[0]);
 		if (!test_become_other_user())
 			_exit(1);
-		(void)prctl(PR_SET_PDEATHSIG, SIGKILL);
 		for (uint32_t i = 0; i < CROWD_COUNT; i++) {
 			crowd->clients[i] = kit_hello(daemon);
 			kit_open(crowd->clients[i], 0, path);
@@ -299,16 +288,12 @@ static pid_t start_greedy_user(const struct kit_daemon *daemon, const char *path
 
 static void a_user_who_holds_all_it_may_leaves_another_its_half(void **state)
 {
-	static struct wire_entry entries[ENTRIES_MAX];
 	struct server_config config = kit_config();
 	const char *path = make_store(*state);
 	struct kit_client *client;
 	struct kit_daemon daemon;
-	struct kit_store *store;
-	uint32_t count;
-	uint32_t fit;
+	const struct kit_store *store;
 	pid_t greedy;
-	int status;
 
 	if (getuid() != 0) {
 		print_message("not root: no other user to be\n");
@@ -316,40 +301,23 @@ static void a_user_who_holds_all_it_may_leaves_another_its_half(void **state)
 	}
 	config.cache_bytes = 2 * MIB;
 	kit_daemon_start(*state, &config, &daemon);
-	let_others_in(*state, &daemon);
+	kit_let_others_in(*state, &daemon);
 	assert_int_equal(chmod(path, 0644), 0);
 	greedy = start_greedy_user(&daemon, path);
 	client = kit_hello(&daemon);
 	store = kit_open(client, 0, path);
-	fit = (uint32_t)(config.cache_bytes /
-			 bytes_round_up(store->superblock->payload_bytes_max, WIRE_PAGE_BYTES));
 	/* It has all there is, but for what is left over between payloads. */
 	assert_true(kit_status_number(client, "held_and_busy_bytes") >=
 		    config.cache_bytes * 8 / 10);
-	/* Its half, but for what is left over. */
-	count = kit_entries(store, 0, 400, fit / 2 * 9 / 10, entries);
-	kit_set(client, entries, count, WIRE_SET_RETIRE);
-	/* One client against many of one user: it is users that share. */
-	await_drawable(client, entries, count);
+	/* One client against many of one user has its half, but for what is left over: users share. */
+	want_until_drawable(client, 400, nodes_that_fit(store, &config) / 2 * 9 / 10);
 	assert_int_equal(kill(greedy, SIGKILL), 0);
-	assert_int_equal(waitpid(greedy, &status, 0), greedy);
+	assert_int_equal(test_wait(greedy), -SIGKILL);
 	kit_disconnect(client);
 	assert_int_equal(kit_daemon_stop(&daemon, SIGTERM), 0);
 }
 
 /* ---- prefetches ---- */
-
-static void send_prefetch(struct kit_client *client, uint32_t first, uint32_t count)
-{
-	_Alignas(8) uint8_t bytes[WIRE_MESSAGE_BYTES_MAX];
-	struct wire_prefetch *message = (struct wire_prefetch *)(void *)bytes;
-
-	message->entry_count = kit_entries(&client->stores[0], 0, first, count, message->entries);
-	message->reserved = 0;
-	wire_header_init(&message->header, WIRE_PREFETCH,
-			 sizeof(*message) + message->entry_count * sizeof(message->entries[0]));
-	kit_send(client, message, message->header.bytes, -1);
-}
 
 /* What was prefetched when nothing is read any more. */
 static uint64_t prefetched(struct kit_client *client)
@@ -360,7 +328,6 @@ static uint64_t prefetched(struct kit_client *client)
 
 static void a_frame_s_prefetches_are_capped_and_take_nothing_that_is_held(void **state)
 {
-	static struct wire_entry entries[ENTRIES_MAX];
 	const struct account_policy policies[] = { { .uid = getuid(),
 						     .prefetch_bytes_max = 200 * KIB } };
 	struct server_config config = kit_config();
@@ -378,26 +345,25 @@ static void a_frame_s_prefetches_are_capped_and_take_nothing_that_is_held(void *
 	client = kit_hello(&daemon);
 	store = kit_open(client, 0, path);
 	/* A prefetch that waits for a segment to be made would look like one that is over. */
-	kit_set(client, entries, kit_entries(store, 0, 300, 200, entries), WIRE_SET_RETIRE);
+	(void)kit_want(client, 0, 300, 200, WIRE_SET_RETIRE);
 	kit_settle(client);
 	assert_int_equal(kit_status_number(client, "arena_bytes"), config.cache_bytes);
 	kit_set(client, NULL, 0, WIRE_SET_RETIRE);
 	kit_settle(client);
 	/* All of what the policy allows, and no more until a new list or a new set comes. */
-	send_prefetch(client, 100, 100);
+	(void)kit_prefetch(client, 0, 100, 100);
 	capped = prefetched(client);
 	assert_in_range(capped * store->superblock->payload_bytes_max, 150 * KIB, 220 * KIB);
 	assert_int_equal(prefetched(client), capped);
-	count = kit_entries(store, 0, 0, 20, entries);
-	kit_set(client, entries, count, WIRE_SET_RETIRE);
+	count = kit_want(client, 0, 0, 20, WIRE_SET_RETIRE);
 	kit_settle(client);
 	assert_int_equal(prefetched(client), 2 * capped);
 	/* What is there or on its way is not asked for again. */
-	send_prefetch(client, 100, 2 * (uint32_t)capped);
+	(void)kit_prefetch(client, 0, 100, 2 * (uint32_t)capped);
 	assert_int_equal(prefetched(client), 2 * capped);
 	/* Far more than the cache has, a frame after the other: nothing that is held goes. */
 	for (uint32_t i = 0; i < 20; i++) {
-		send_prefetch(client, 150 + 10 * i, 100);
+		(void)kit_prefetch(client, 0, 150 + 10 * i, 100);
 		(void)prefetched(client);
 		assert_int_equal(kit_count_drawable(store), count);
 	}
@@ -409,26 +375,27 @@ static void a_frame_s_prefetches_are_capped_and_take_nothing_that_is_held(void *
 
 /* ---- leases ---- */
 
+/* A daemon, a client that is stopped with what it holds, and one that has nothing yet. */
+struct lease {
+	struct kit_daemon daemon;
+	pid_t sleeper;
+	struct kit_client *client;
+};
+
 /*
- * A client in another process that holds `count` nodes from `first` on, and is stopped.  When it goes on
- * it ends with 0 if it has been told that what it drew is no longer there, else with 1.
+ * A client in another process that holds seventy nodes, and is stopped.  When it goes on it ends with 0
+ * if it has been told that what it drew is no longer there, else with 1.
  */
-static pid_t start_sleeper(const struct kit_daemon *daemon, const char *path, uint32_t first,
-			   uint32_t count)
+static pid_t start_sleeper(const struct kit_daemon *daemon, const char *path)
 {
 	int status;
-	pid_t pid;
+	pid_t pid = test_fork();
 
-	(void)fflush(NULL);
-	pid = fork();
-	assert_true(pid >= 0);
 	if (pid == 0) {
-		static struct wire_entry entries[ENTRIES_MAX];
 		struct kit_client *client = kit_hello(daemon);
-		struct kit_store *store = kit_open(client, 0, path);
+		const struct kit_store *store = kit_open(client, 0, path);
 
-		count = kit_entries(store, 0, first, count, entries);
-		kit_set(client, entries, count, WIRE_SET_RETIRE);
+		(void)kit_want(client, 0, 0, 70, WIRE_SET_RETIRE);
 		kit_settle(client);
 		(void)raise(SIGSTOP);
 		_exit(store->grants->epoch == 0 ? 0 : 1);
@@ -438,70 +405,57 @@ static pid_t start_sleeper(const struct kit_daemon *daemon, const char *path, ui
 	return pid;
 }
 
-static int wake_sleeper(pid_t pid)
+static void lease_start(struct lease *lease, const char *folder, uint64_t cache_bytes,
+			uint32_t lease_ms)
 {
-	int status;
+	struct server_config config = kit_config();
+	const char *path = make_store(folder);
 
-	assert_int_equal(kill(pid, SIGCONT), 0);
-	assert_int_equal(waitpid(pid, &status, 0), pid);
-	assert_true(WIFEXITED(status));
-	return WEXITSTATUS(status);
+	config.cache_bytes = cache_bytes;
+	config.lease_ms = lease_ms;
+	kit_daemon_start(folder, &config, &lease->daemon);
+	lease->sleeper = start_sleeper(&lease->daemon, path);
+	lease->client = kit_hello(&lease->daemon);
+	kit_open(lease->client, 0, path);
+}
+
+/* Lets the sleeper go on, and ends all.  Returns: how the sleeper has ended. */
+static int lease_end(struct lease *lease)
+{
+	int ret;
+
+	assert_int_equal(kill(lease->sleeper, SIGCONT), 0);
+	ret = test_wait(lease->sleeper);
+	kit_disconnect(lease->client);
+	assert_int_equal(kit_daemon_stop(&lease->daemon, SIGTERM), 0);
+	return ret;
 }
 
 static void a_stopped_client_loses_what_others_need(void **state)
 {
-	static struct wire_entry entries[ENTRIES_MAX];
-	struct server_config config = kit_config();
-	const char *path = make_store(*state);
-	struct kit_client *client;
-	struct kit_daemon daemon;
-	struct kit_store *store;
-	uint32_t count;
-	pid_t sleeper;
+	struct lease lease;
 
-	config.cache_bytes = 2 * MIB;
-	config.lease_ms = 300;
-	kit_daemon_start(*state, &config, &daemon);
-	sleeper = start_sleeper(&daemon, path, 0, 70);
-	client = kit_hello(&daemon);
-	store = kit_open(client, 0, path);
-	count = kit_entries(store, 0, 100, 80, entries);
-	kit_set(client, entries, count, WIRE_SET_RETIRE);
+	lease_start(&lease, *state, 2 * MIB, 300);
 	/* Who waits for the other is silent as well, but answers. */
-	await_drawable(client, entries, count);
-	assert_int_equal(kit_status_number(client, "sessions"), 1);
-	assert_int_equal(wake_sleeper(sleeper), 0);
-	kit_disconnect(client);
-	assert_int_equal(kit_daemon_stop(&daemon, SIGTERM), 0);
+	want_until_drawable(lease.client, 100, 80);
+	assert_int_equal(kit_status_number(lease.client, "sessions"), 1);
+	assert_int_equal(lease_end(&lease), 0);
 }
 
 static void a_stopped_client_is_left_in_peace_while_there_is_room(void **state)
 {
-	static struct wire_entry entries[ENTRIES_MAX];
-	struct server_config config = kit_config();
-	const char *path = make_store(*state);
-	struct kit_client *client;
-	struct kit_daemon daemon;
-	struct kit_store *store;
-	uint32_t count;
-	pid_t sleeper;
+	struct lease lease;
+	uint64_t until_ns;
 
-	config.cache_bytes = 4 * MIB;
-	config.lease_ms = 1;
-	kit_daemon_start(*state, &config, &daemon);
-	sleeper = start_sleeper(&daemon, path, 0, 70);
-	client = kit_hello(&daemon);
-	store = kit_open(client, 0, path);
-	count = kit_entries(store, 0, 100, 80, entries);
-	kit_set(client, entries, count, WIRE_SET_RETIRE);
-	kit_settle(client);
+	lease_start(&lease, *state, 4 * MIB, 1);
+	(void)kit_want(lease.client, 0, 100, 80, WIRE_SET_RETIRE);
+	kit_settle(lease.client);
 	/* The daemon looks at its leases four times a second. */
-	while (kit_status_number(client, "uptime_s") < 1)
+	until_ns = kit_status_number(lease.client, "now_ns") + 600 * NS_PER_MS;
+	while (kit_status_number(lease.client, "now_ns") < until_ns)
 		continue;
-	assert_int_equal(kit_status_number(client, "sessions"), 2);
-	assert_int_equal(wake_sleeper(sleeper), 1);
-	kit_disconnect(client);
-	assert_int_equal(kit_daemon_stop(&daemon, SIGTERM), 0);
+	assert_int_equal(kit_status_number(lease.client, "sessions"), 2);
+	assert_int_equal(lease_end(&lease), 1);
 }
 
 int main(void)
