@@ -27,11 +27,8 @@
 #include "tests/integration/daemon_kit.h"
 #include "tests/openmetrics_judge.h"
 
-#define ENTRIES_MAX  1024u
 #define CLIENT_COUNT 4u
 #define STEP_COUNT   400u
-
-static struct wire_entry entries[ENTRIES_MAX];
 
 static const char *make_store(const char *folder, uint32_t codec)
 {
@@ -147,19 +144,6 @@ static uint32_t random_below(uint64_t *seed, uint32_t bound)
 	return (uint32_t)(*seed >> 33) % bound;
 }
 
-static void send_prefetch(struct kit_client *client, uint32_t count)
-{
-	static _Alignas(8) uint8_t
-		bytes[sizeof(struct wire_prefetch) + ENTRIES_MAX * sizeof(struct wire_entry)];
-	struct wire_prefetch *message = (struct wire_prefetch *)(void *)bytes;
-
-	*message = (struct wire_prefetch){ .entry_count = count };
-	memcpy(message->entries, entries, count * sizeof(entries[0]));
-	wire_header_init(&message->header, WIRE_PREFETCH,
-			 sizeof(*message) + count * sizeof(entries[0]));
-	kit_send(client, message, message->header.bytes, -1);
-}
-
 static void send_retire(struct kit_client *client)
 {
 	struct wire_retire message = { .serial = client->serial };
@@ -181,10 +165,9 @@ static void act(struct kit_client **client, const struct kit_daemon *daemon, con
 		uint64_t *seed)
 {
 	static const struct wire_header none = { .type = 999, .bytes = sizeof(none) };
-	const struct kit_store *store = &(*client)->stores[0];
-	uint32_t payloads = kit_count_payloads(store);
+	uint32_t payloads = kit_count_payloads(&(*client)->stores[0]);
 	uint32_t first = random_below(seed, payloads);
-	uint32_t count = kit_entries(store, 0, first, 1 + random_below(seed, 120), entries);
+	uint32_t count = 1 + random_below(seed, 120);
 
 	switch (random_below(seed, 12)) {
 	case 0:
@@ -199,7 +182,7 @@ static void act(struct kit_client **client, const struct kit_daemon *daemon, con
 	case 2:
 	case 3:
 	case 4:
-		send_prefetch(*client, count);
+		(void)kit_prefetch(*client, 0, first, count);
 		break;
 	case 5:
 		if ((*client)->serial > 0)
@@ -207,7 +190,8 @@ static void act(struct kit_client **client, const struct kit_daemon *daemon, con
 		break;
 	default:
 		/* Not waited for: what others are asked to give up, they give up when it is their turn. */
-		kit_set(*client, entries, count, random_below(seed, 3) > 0 ? WIRE_SET_RETIRE : 0);
+		(void)kit_want(*client, 0, first, count,
+			       random_below(seed, 3) > 0 ? WIRE_SET_RETIRE : 0);
 		break;
 	}
 }
@@ -291,15 +275,13 @@ static void bytes_read_are_those_that_the_kernel_counts(void **state)
 	uint64_t before_bytes;
 	uint64_t read_bytes;
 	uint64_t stored_bytes;
-	uint32_t count;
 
 	/* Written out: reading past the page cache would write it, and that is counted elsewhere. */
 	sync();
 	kit_daemon_start(*state, &config, &daemon);
 	client = come(&daemon, path);
-	count = kit_entries(&client->stores[0], 0, 0, ENTRIES_MAX, entries);
 	before_bytes = kernel_read_bytes(&daemon);
-	kit_set(client, entries, count, 0);
+	(void)kit_want(client, 0, 0, KIT_ALL, 0);
 	kit_settle(client);
 	kit_await_number(client, "fills_in_flight", 0);
 	read_bytes = kernel_read_bytes(&daemon) - before_bytes;
@@ -337,17 +319,14 @@ static void a_client_owes_what_anothers_read_had_brought(void **state)
 	struct kit_daemon daemon;
 	const json_t *owes;
 	json_t *status;
-	uint32_t count;
 
 	kit_daemon_start(*state, &config, &daemon);
 	payer = come(&daemon, path);
 	debtor = come(&daemon, path);
-	count = kit_entries(&payer->stores[0], 0, 0, 50, entries);
-	kit_set(payer, entries, count, 0);
+	(void)kit_want(payer, 0, 0, 50, 0);
 	kit_settle(payer);
 	/* Twenty of them, and ten that are its own to pay. */
-	count = kit_entries(&debtor->stores[0], 0, 30, 30, entries);
-	kit_set(debtor, entries, count, 0);
+	(void)kit_want(debtor, 0, 30, 30, 0);
 	kit_settle(debtor);
 	status = look(payer);
 	owes = json_object_get(client_of_session(status, 2), "owes");
@@ -384,17 +363,17 @@ static void prefetches_are_used_wasted_or_still_there_and_evictions_regretted(vo
 
 	kit_daemon_start(*state, &config, &daemon);
 	client = come(&daemon, path);
-	send_prefetch(client, kit_entries(&client->stores[0], 0, 0, 10, entries));
+	(void)kit_prefetch(client, 0, 0, 10);
 	kit_await_number(client, "ready_nodes", 10);
 	assert_int_equal(count_flagged(client, &client->stores[0], WIRE_NODE_UNUSED_PREFETCH), 10);
 	/* Six of them are wanted, and two that were not prefetched. */
-	kit_set(client, entries, kit_entries(&client->stores[0], 0, 4, 8, entries), 0);
+	(void)kit_want(client, 0, 4, 8, 0);
 	kit_settle(client);
 	assert_int_equal(count_flagged(client, &client->stores[0], WIRE_NODE_UNUSED_PREFETCH), 4);
-	kit_set(client, entries, 0, WIRE_SET_RETIRE);
+	kit_set(client, NULL, 0, WIRE_SET_RETIRE);
 	kit_settle(client);
 	order_evict_all(client);
-	kit_set(client, entries, kit_entries(&client->stores[0], 0, 4, 5, entries), 0);
+	(void)kit_want(client, 0, 4, 5, 0);
 	kit_settle(client);
 	status = look(client);
 	totals = json_object_get(status, "totals");
@@ -458,7 +437,7 @@ static void metrics_are_told_on_request_on_a_socket_and_in_a_file(void **state)
 	config.metrics_socket_path = test_path(*state, "metrics.sock");
 	kit_daemon_start(*state, &config, &daemon);
 	client = come(&daemon, path);
-	kit_set(client, entries, kit_entries(&client->stores[0], 0, 0, 20, entries), 0);
+	(void)kit_want(client, 0, 0, 20, 0);
 	kit_settle(client);
 	text = collect(config.metrics_socket_path);
 	check_metrics(text, path);

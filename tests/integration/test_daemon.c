@@ -50,9 +50,8 @@ static void check_all_is_drawn(const char *folder, uint32_t codec)
 	kit_daemon_start(folder, &config, &daemon);
 	client = kit_hello(&daemon);
 	store = kit_open(client, 0, path);
-	count = kit_entries(store, 0, 0, ENTRIES_MAX, entries);
+	count = kit_want(client, 0, 0, KIT_ALL, WIRE_SET_RETIRE);
 	assert_true(count > 100);
-	kit_set(client, entries, count, WIRE_SET_RETIRE);
 	kit_settle(client);
 	assert_int_equal(kit_count_drawable(store), count);
 	assert_int_equal(client->page->complete, client->serial);
@@ -80,16 +79,15 @@ static void two_clients_share_one_copy_and_one_read(void **state)
 	struct kit_daemon daemon;
 	struct kit_client *clients[2];
 	uint64_t read_bytes;
-	uint32_t count;
+	uint32_t count = 0;
 
 	kit_daemon_start(*state, &config, &daemon);
 	for (uint32_t i = 0; i < 2; i++) {
 		clients[i] = kit_hello(&daemon);
 		kit_open(clients[i], 0, path);
 	}
-	count = kit_entries(&clients[0]->stores[0], 0, 0, ENTRIES_MAX, entries);
 	for (uint32_t i = 0; i < 2; i++)
-		kit_set(clients[i], entries, count, WIRE_SET_RETIRE);
+		count = kit_want(clients[i], 0, 0, KIT_ALL, WIRE_SET_RETIRE);
 	for (uint32_t i = 0; i < 2; i++)
 		kit_settle(clients[i]);
 	for (uint32_t i = 0; i < 2; i++)
@@ -101,7 +99,7 @@ static void two_clients_share_one_copy_and_one_read(void **state)
 	kit_disconnect(clients[1]);
 	clients[1] = kit_hello(&daemon);
 	kit_open(clients[1], 0, path);
-	kit_set(clients[1], entries, count, WIRE_SET_RETIRE);
+	(void)kit_want(clients[1], 0, 0, KIT_ALL, WIRE_SET_RETIRE);
 	kit_settle(clients[1]);
 	assert_int_equal(kit_count_drawable(&clients[1]->stores[0]), count);
 	assert_int_equal(kit_status_number(clients[0], "read_bytes"), read_bytes);
@@ -126,9 +124,8 @@ static void a_walk_through_a_small_cache_is_always_drawn_right(void **state)
 	payloads = kit_count_payloads(store);
 	for (uint32_t step = 0; step < 120; step++) {
 		uint32_t first = step * 7 % (payloads - 30);
-		uint32_t count = kit_entries(store, 0, first, 30, entries);
 
-		kit_set(client, entries, count, step % 3 ? WIRE_SET_RETIRE : 0);
+		(void)kit_want(client, 0, first, 30, step % 3 ? WIRE_SET_RETIRE : 0);
 		kit_settle(client);
 		assert_true(kit_count_drawable(store) >= (step % 3 ? 30 : 20));
 	}
@@ -170,8 +167,7 @@ static void a_set_larger_than_the_cache_settles_and_is_drawn_in_portions(void **
 	for (uint32_t i = 0; i < count; i++)
 		assert_non_null(kit_map(store, entries[i].node));
 	for (uint32_t first = 0; first < payloads; first += 20) {
-		count = kit_entries(store, 0, first, 20, entries);
-		kit_set(client, entries, count, WIRE_SET_RETIRE);
+		count = kit_want(client, 0, first, 20, WIRE_SET_RETIRE);
 		kit_settle(client);
 		assert_int_equal(client->page->complete, client->serial);
 		assert_int_equal(kit_count_drawable(store), count);
@@ -208,8 +204,6 @@ static void several_stores_are_drawn_in_one_set(void **state)
 static void a_prefetch_brings_nodes_in_and_holds_none(void **state)
 {
 	const char *path = make_store(*state, "a.ooc", STORE_CODEC_NONE);
-	_Alignas(8) uint8_t bytes[WIRE_MESSAGE_BYTES_MAX];
-	struct wire_prefetch *message = (struct wire_prefetch *)(void *)bytes;
 	struct kit_daemon daemon;
 	struct kit_client *client;
 	struct kit_store *store;
@@ -218,18 +212,13 @@ static void a_prefetch_brings_nodes_in_and_holds_none(void **state)
 	kit_daemon_start(*state, &config, &daemon);
 	client = kit_hello(&daemon);
 	store = kit_open(client, 0, path);
-	count = kit_entries(store, 0, 0, 50, message->entries);
-	message->entry_count = count;
-	message->reserved = 0;
-	wire_header_init(&message->header, WIRE_PREFETCH,
-			 sizeof(*message) + count * sizeof(message->entries[0]));
-	kit_send(client, message, message->header.bytes, -1);
+	count = kit_prefetch(client, 0, 0, 50);
 	kit_await_number(client, "ready_nodes", count);
 	assert_int_equal(kit_status_number(client, "prefetches"), count);
 	assert_int_equal(kit_count_drawable(store), 0);
 	assert_int_equal(kit_status_number(client, "held_bytes"), 0);
 	assert_true(client->page->prefetched_bytes > 0);
-	kit_set(client, message->entries, count, WIRE_SET_RETIRE);
+	assert_int_equal(kit_want(client, 0, 0, 50, WIRE_SET_RETIRE), count);
 	kit_settle(client);
 	assert_int_equal(kit_status_number(client, "hits"), count);
 	assert_int_equal(kit_status_number(client, "fetches"), 0);
@@ -248,10 +237,9 @@ static void closing_a_store_frees_its_number(void **state)
 	kit_daemon_start(*state, &config, &daemon);
 	for (uint32_t i = 0; i < 20; i++) {
 		struct kit_client *client = kit_hello(&daemon);
-		struct kit_store *store = kit_open(client, 0, path);
-		uint32_t count = kit_entries(store, 0, 0, 20, entries);
 
-		kit_set(client, entries, count, 0);
+		kit_open(client, 0, path);
+		(void)kit_want(client, 0, 0, 20, 0);
 		kit_settle(client);
 		kit_send(client, &message, sizeof(message), -1);
 		assert_int_equal(kit_status_number(client, "held_bytes"), 0);
@@ -275,8 +263,7 @@ static void what_is_drawn_stays_when_the_daemon_ends(void **state)
 		kit_daemon_start(*state, &config, &daemon);
 		client = kit_hello(&daemon);
 		store = kit_open(client, 0, path);
-		count = kit_entries(store, 0, 0, 60, entries);
-		kit_set(client, entries, count, WIRE_SET_RETIRE);
+		count = kit_want(client, 0, 0, 60, WIRE_SET_RETIRE);
 		kit_settle(client);
 		status = kit_daemon_stop(&daemon, signals[i]);
 		assert_int_equal(status, signals[i] == SIGTERM ? 0 : -SIGKILL);

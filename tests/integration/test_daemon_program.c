@@ -35,7 +35,6 @@
 #include "tests/integration/daemon_kit.h"
 
 #define ARGUMENTS_MAX 12
-#define ENTRIES_MAX   256u
 
 /* ---- the program ---- */
 
@@ -291,7 +290,6 @@ static void check_without(const char *folder, void (*prepare)(void), const char 
 	const struct test_grid grid = { .count = 12, .face_quads = 4 };
 	const char *path = test_path(folder, "a.ooc");
 	struct server_config config = kit_config();
-	struct wire_entry entries[ENTRIES_MAX];
 	struct kit_daemon daemon;
 	struct kit_client *client;
 	struct kit_store *store;
@@ -303,8 +301,7 @@ static void check_without(const char *folder, void (*prepare)(void), const char 
 	kit_daemon_start_prepared(folder, &config, prepare, &daemon);
 	client = kit_hello(&daemon);
 	store = kit_open(client, 0, path);
-	count = kit_entries(store, 0, 0, ENTRIES_MAX, entries);
-	kit_set(client, entries, count, WIRE_SET_RETIRE);
+	count = kit_want(client, 0, 0, KIT_ALL, WIRE_SET_RETIRE);
 	kit_settle(client);
 	assert_int_equal(kit_count_drawable(store), count);
 	status = kit_status(client);

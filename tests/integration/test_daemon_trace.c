@@ -24,10 +24,8 @@
 #include "tests/helper.h"
 #include "tests/integration/daemon_kit.h"
 
-#define ENTRIES_MAX 1024u
+#define STORIES_MAX 1024u
 #define CLIENTS     2u
-
-static struct wire_entry entries[ENTRIES_MAX];
 
 static const char *make_store(const char *folder)
 {
@@ -86,7 +84,7 @@ static void tell(struct story *story, enum trace_kind kind, struct counts *count
 
 static struct counts read_trace(const char *path)
 {
-	struct story stories[ENTRIES_MAX] = { 0 };
+	struct story stories[STORIES_MAX] = { 0 };
 	struct counts counts = { 0 };
 	struct trace_reader *reader;
 	struct trace_event event;
@@ -99,7 +97,7 @@ static struct counts read_trace(const char *path)
 		counts.of_kind[event.kind]++;
 		if (!trace_kind_has_entry(event.kind))
 			continue;
-		assert_true(event.entry < ENTRIES_MAX);
+		assert_true(event.entry < STORIES_MAX);
 		tell(&stories[event.entry], event.kind, &counts);
 		if (event.kind == TRACE_READY)
 			counts.fetched_bytes += trace_reader_entry(reader, event.entry)->bytes;
@@ -122,9 +120,8 @@ static void walk(struct kit_client **clients, struct kit_store **stores, uint32_
 	for (uint32_t step = 0; step < steps; step++) {
 		uint32_t i = step % CLIENTS;
 		uint32_t first = step * (i + 3) % (payloads - set_nodes);
-		uint32_t count = kit_entries(stores[i], 0, first, set_nodes, entries);
 
-		kit_set(clients[i], entries, count, WIRE_SET_RETIRE);
+		(void)kit_want(clients[i], 0, first, set_nodes, WIRE_SET_RETIRE);
 		kit_settle(clients[i]);
 	}
 }
@@ -191,8 +188,8 @@ static void a_killed_daemon_leaves_a_trace_that_is_good_so_far(void **state)
 
 	kit_daemon_start(*state, &config, &daemon);
 	client = kit_hello(&daemon);
-	count = kit_entries(kit_open(client, 0, path), 0, 0, 30, entries);
-	kit_set(client, entries, count, WIRE_SET_RETIRE);
+	kit_open(client, 0, path);
+	count = kit_want(client, 0, 0, 30, WIRE_SET_RETIRE);
 	kit_settle(client);
 	/* Its tick brings them to the file. */
 	do
@@ -233,8 +230,7 @@ static void a_full_disk_ends_the_trace_and_not_the_daemon(void **state)
 	for (uint64_t after = 0; after <= client->serial / 8;) {
 		uint32_t first = client->serial % 2 * 100;
 
-		kit_set(client, entries, kit_entries(store, 0, first, 40, entries),
-			WIRE_SET_RETIRE);
+		(void)kit_want(client, 0, first, 40, WIRE_SET_RETIRE);
 		if (client->serial % 16 == 0)
 			kit_settle(client);
 		assert_int_equal(stat(trace_path, &status), 0);

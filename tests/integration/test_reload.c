@@ -25,7 +25,6 @@
 
 /* 64,000 boxes in 8,000 leaves of a page each; of 64 MiB, a segment has 4. */
 #define GRID_COUNT 40u
-#define LEAVES_MAX 8000u
 
 /* ---- in the daemon ---- */
 
@@ -95,12 +94,10 @@ static char reload_with(const struct kit_daemon *daemon, const char *format, ...
 	return byte;
 }
 
-static uint32_t want_all(struct kit_client *client, const struct kit_store *store, uint32_t flags)
+static uint32_t want_all(struct kit_client *client, uint32_t flags)
 {
-	static struct wire_entry entries[LEAVES_MAX];
-	uint32_t count = kit_entries(store, 0, 0, LEAVES_MAX, entries);
+	uint32_t count = kit_want(client, 0, 0, KIT_ALL, flags);
 
-	kit_set(client, entries, count, flags);
 	kit_settle(client);
 	return count;
 }
@@ -117,7 +114,7 @@ static void the_cache_grows_at_once_and_shrinks_as_holds_go(void **state)
 	start(*state, &daemon);
 	client = kit_hello(&daemon);
 	store = kit_open(client, 0, store_path);
-	count = want_all(client, store, 0);
+	count = want_all(client, 0);
 	assert_int_equal(kit_count_drawable(store), count);
 
 	assert_int_equal(reload_with(&daemon, "cache-size = 96M\n"), 't');
@@ -134,10 +131,10 @@ static void the_cache_grows_at_once_and_shrinks_as_holds_go(void **state)
 	assert_true(kit_status_number(client, "arena_bytes") <= 8 * MIB);
 
 	/* And with that little, as much of the set as fits is drawable. */
-	(void)want_all(client, store, WIRE_SET_RETIRE);
+	(void)want_all(client, WIRE_SET_RETIRE);
 	assert_true(kit_count_drawable(store) > 0);
 	assert_int_equal(reload_with(&daemon, "cache-size = 64M\n"), 't');
-	(void)want_all(client, store, WIRE_SET_RETIRE);
+	(void)want_all(client, WIRE_SET_RETIRE);
 	assert_int_equal(kit_count_drawable(store), count);
 	kit_disconnect(client);
 	end(&daemon);
@@ -175,7 +172,7 @@ static void a_wrong_file_changes_nothing(void **state)
 	start(*state, &daemon);
 	client = kit_hello(&daemon);
 	store = kit_open(client, 0, store_path);
-	count = want_all(client, store, 0);
+	count = want_all(client, 0);
 	assert_int_equal(reload_with(&daemon, "cache-size = 1M\nio = tape\n"), 'w');
 	assert_int_equal(reload_with(&daemon, "cache-size = 1M\nstore = /nowhere.ooc\n"), 'r');
 	assert_int_equal(reload_with(&daemon, "cache-size = 1000G\n"), 'r');

@@ -94,13 +94,11 @@ static void start_with_grace(const struct scene *scene, const char *cache_size, 
 	kit_manager_start(scene->manager, options);
 }
 
-static uint32_t want_all(struct kit_client *client, const struct kit_store *store, uint32_t slot,
-			 uint32_t flags)
+/* Returns: how many nodes it wants, of which all there is room for are there. */
+static uint32_t want_all(struct kit_client *client, uint32_t flags)
 {
-	static struct wire_entry entries[LEAVES_MAX];
-	uint32_t count = kit_entries(store, slot, 0, LEAVES_MAX, entries);
+	uint32_t count = kit_want(client, 0, 0, KIT_ALL, flags);
 
-	kit_set(client, entries, count, flags);
 	kit_settle(client);
 	return count;
 }
@@ -110,9 +108,9 @@ static struct kit_client *client_of(const struct scene *scene, const char *path,
 				    uint32_t *ret_count)
 {
 	struct kit_client *client = kit_hello(&scene->daemon);
-	const struct kit_store *store = kit_open(client, 0, path);
 
-	*ret_count = want_all(client, store, 0, 0);
+	kit_open(client, 0, path);
+	*ret_count = want_all(client, 0);
 	return client;
 }
 
@@ -391,9 +389,8 @@ static void survivor_end(struct survivor *survivor)
 /* Someone else wants another store whole, in a cache that has no room for both. */
 static void crowd(struct kit_client *client, const char *path)
 {
-	const struct kit_store *store = kit_open(client, 0, path);
-
-	(void)want_all(client, store, 0, WIRE_SET_RETIRE);
+	kit_open(client, 0, path);
+	(void)want_all(client, WIRE_SET_RETIRE);
 }
 
 static void what_a_stopped_client_draws_stays_for_a_grace(void **state)
@@ -458,7 +455,7 @@ static void after_the_grace_a_set_gets_what_it_was_refused(void **state)
 	start_with_grace(scene, "11M", "1");
 	client = kit_hello(&scene->daemon);
 	store = kit_open(client, 0, scene->coded);
-	count = want_all(client, store, 0, WIRE_SET_RETIRE);
+	count = want_all(client, WIRE_SET_RETIRE);
 	while (kit_count_drawable(store) < count)
 		kit_receive_any(client);
 	kit_disconnect(client);
@@ -498,6 +495,7 @@ static void a_daemon_that_dies_in_its_grace_passes_on_what_it_had(void **state)
 static void a_client_that_runs_draws_across_the_restart(void **state)
 {
 	struct scene *scene = *state;
+	struct ooc_counters counters;
 	struct survivor survivor;
 
 	start_with_grace(scene, "64M", "0.2");
@@ -505,6 +503,13 @@ static void a_client_that_runs_draws_across_the_restart(void **state)
 	(void)manager_stop(scene->manager, SIGKILL);
 	assert_true(survivor_sees_the_same(&survivor));
 	start_with_grace(scene, "64M", "0.2");
+	do {
+		(void)ooc_dispatch(survivor.client);
+		survivor.payload = ooc_map(survivor.store, survivor.node);
+		assert_non_null(survivor.payload);
+		assert_true(survivor_sees_the_same(&survivor));
+		ooc_counters(survivor.client, &counters);
+	} while (counters.reconnects == 0);
 	assert_true(ooc_wait(survivor.client, 20000) >= 0);
 	survivor.payload = ooc_map(survivor.store, survivor.node);
 	assert_non_null(survivor.payload);
@@ -613,10 +618,8 @@ static uint32_t stop_workers(pid_t pid, pid_t *ret_threads, uint32_t max)
 
 static void a_worker_that_hangs_is_no_ping_until_it_goes_on(void **state)
 {
-	static struct wire_entry entries[LEAVES_MAX];
 	struct scene *scene = *state;
 	struct kit_client *client;
-	const struct kit_store *store;
 	pid_t threads[64];
 	uint32_t thread_count;
 	uint32_t ping_count;
@@ -627,9 +630,9 @@ static void a_worker_that_hangs_is_no_ping_until_it_goes_on(void **state)
 	kit_manager_start(scene->manager, usual);
 	kit_manager_await(scene->manager, "WATCHDOG=1", 2);
 	client = kit_hello(&scene->daemon);
-	store = kit_open(client, 0, scene->coded);
+	kit_open(client, 0, scene->coded);
 	/* Segments are made by workers, too: they shall hang with a payload. */
-	(void)want_all(client, store, 0, WIRE_SET_RETIRE);
+	(void)want_all(client, WIRE_SET_RETIRE);
 	kit_set(client, NULL, 0, WIRE_SET_RETIRE);
 	kit_settle(client);
 	kit_disconnect(client);
@@ -652,28 +655,21 @@ static void a_worker_that_hangs_is_no_ping_until_it_goes_on(void **state)
 	ping_count = manager_said(scene->manager, "WATCHDOG=1");
 	kit_manager_await(scene->manager, "WATCHDOG=1", ping_count + 2);
 	kit_receive(client, WIRE_OPENED);
-	count = kit_entries(&client->stores[0], 0, 0, LEAVES_MAX, entries);
-	kit_set(client, entries, count, WIRE_SET_RETIRE);
-	kit_settle(client);
+	count = want_all(client, WIRE_SET_RETIRE);
 	assert_int_equal(kit_count_drawable(&client->stores[0]), count);
 	kit_disconnect(client);
 }
 
 static void it_ends_in_order_with_many_clients_that_wait(void **state)
 {
-	static struct wire_entry entries[LEAVES_MAX];
 	struct scene *scene = *state;
 	struct kit_client *clients[MANY_CLIENTS];
 
 	kit_manager_start(scene->manager, usual);
 	for (uint32_t i = 0; i < MANY_CLIENTS; i++) {
-		const struct kit_store *store;
-		uint32_t count;
-
 		clients[i] = kit_hello(&scene->daemon);
-		store = kit_open(clients[i], 0, i % 2 ? scene->plain : scene->coded);
-		count = kit_entries(store, 0, 0, LEAVES_MAX, entries);
-		kit_set(clients[i], entries, count, 0);
+		kit_open(clients[i], 0, i % 2 ? scene->plain : scene->coded);
+		(void)kit_want(clients[i], 0, 0, KIT_ALL, 0);
 	}
 	assert_int_equal(manager_stop(scene->manager, SIGTERM), 0);
 	assert_true(manager_said(scene->manager, "STOPPING=1") > 0);
