@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: MIT */
 #include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <ftw.h>
 #include <grp.h>
+#include <linux/falloc.h>
 #include <setjmp.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -11,6 +13,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
@@ -215,6 +218,33 @@ bool test_become_other_user(void)
 	       setresgid(TEST_OTHER_UID, TEST_OTHER_UID, TEST_OTHER_UID) == 0 &&
 	       setresuid(TEST_OTHER_UID, TEST_OTHER_UID, TEST_OTHER_UID) == 0 &&
 	       prctl(PR_SET_PDEATHSIG, SIGKILL) == 0;
+}
+
+int test_write_in_every_way(int fd)
+{
+	char path[64];
+	void *map;
+
+	if (write(fd, "x", 1) >= 0 || pwrite(fd, "x", 1, 0) >= 0)
+		return 1;
+	if (mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0) != MAP_FAILED)
+		return 2;
+	map = mmap(NULL, 4096, PROT_READ, MAP_SHARED, fd, 0);
+	if (map == MAP_FAILED || mprotect(map, 4096, PROT_READ | PROT_WRITE) == 0)
+		return 3;
+	(void)munmap(map, 4096);
+	if (ftruncate(fd, 0) == 0 || ftruncate(fd, 1 << 30) == 0)
+		return 4;
+	if (fallocate(fd, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, 0, 4096) == 0 ||
+	    fallocate(fd, 0, 1 << 30, 4096) == 0)
+		return 5;
+	if (fchmod(fd, 0666) == 0 || fchown(fd, TEST_OTHER_UID, TEST_OTHER_UID) == 0)
+		return 6;
+	(void)snprintf(path, sizeof(path), "/proc/self/fd/%d", fd);
+	if (open(path, O_RDWR | O_CLOEXEC) >= 0 || open(path, O_WRONLY | O_CLOEXEC) >= 0 ||
+	    chmod(path, 0666) == 0 || truncate(path, 0) == 0)
+		return 7;
+	return fcntl(fd, F_ADD_SEALS, F_SEAL_WRITE) == 0 ? 8 : 0;
 }
 
 /* ---- programs ---- */

@@ -88,6 +88,14 @@ int test_wait(pid_t pid);
  */
 bool test_become_other_user(void);
 
+/**
+ * Tries all ways to change a file, of a page at least, through a descriptor of it, by the user that this
+ * process is.
+ *
+ * Returns: 0, or the number of the way that was open.
+ */
+int test_write_in_every_way(int fd);
+
 /* ---- programs ---- */
 
 /**

@@ -81,7 +81,7 @@ static int scene_setup(void **state)
 	(void)snprintf(scene.store_path, sizeof(scene.store_path), "%s/a.ooc", scene.folder);
 	(void)snprintf(program, sizeof(program), "%s/oocd", getenv("OOCD_BIN"));
 	test_store_grid(scene.store_path, 4);
-	scene.daemon = fork();
+	scene.daemon = test_fork();
 	if (scene.daemon == 0) {
 		execl(program, "oocd", "--socket", scene.socket_path, "--cache-size", "4M",
 		      (char *)NULL);
@@ -101,7 +101,7 @@ static int scene_teardown(void **state)
 	struct scene *scene = *state;
 
 	(void)kill(scene->daemon, SIGTERM);
-	assert_int_equal(waitpid(scene->daemon, NULL, 0), scene->daemon);
+	assert_int_equal(test_wait(scene->daemon), 0);
 	test_folder_remove(scene->folder);
 	return 0;
 }

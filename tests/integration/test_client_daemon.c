@@ -18,7 +18,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
-#include <sys/prctl.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
@@ -81,8 +80,7 @@ static void start_daemon(struct scene *scene, const char *cache_size)
 	char program[4096];
 
 	(void)snprintf(program, sizeof(program), "%s/oocd", getenv("OOCD_BIN"));
-	scene->daemon = fork();
-	assert_true(scene->daemon >= 0);
+	scene->daemon = test_fork();
 	if (scene->daemon == 0) {
 		execl(program, "oocd", "--socket", scene->socket_path, "--cache-size", cache_size,
 		      (char *)NULL);
@@ -92,13 +90,10 @@ static void start_daemon(struct scene *scene, const char *cache_size)
 
 static void kill_daemon(struct scene *scene)
 {
-	int status;
-
 	if (scene->daemon <= 0)
 		return;
 	assert_int_equal(kill(scene->daemon, SIGKILL), 0);
-	assert_int_equal(waitpid(scene->daemon, &status, 0), scene->daemon);
-	assert_true(WIFSIGNALED(status));
+	assert_int_equal(test_wait(scene->daemon), -SIGKILL);
 	scene->daemon = 0;
 }
 
@@ -304,9 +299,8 @@ static void a_prefetched_node_is_there_when_it_is_wanted(void **state)
 	store = open_store(scene, client);
 	want = (struct ooc_want){ store, scene->truth.leaves[7], 1 };
 	assert_int_equal(ooc_prefetch(client, &want, 1), 0);
-	do
-		ooc_counters(client, &counters);
-	while (ooc_node_state(store, want.node) != OOC_STATE_READY);
+	while (ooc_node_state(store, want.node) != OOC_STATE_READY)
+		wait_a_moment();
 	/* Ready, but held by nobody: not to be drawn. */
 	assert_null(ooc_map(store, want.node));
 	(void)want_leaves(scene, client, store, 7, 1, 1);
@@ -386,15 +380,11 @@ static pid_t start_newcomer(const struct scene *scene)
 	struct ooc_progress progress;
 	struct ooc_client *client;
 	struct ooc_store *store;
-	pid_t pid;
+	pid_t pid = test_fork();
 
-	(void)fflush(NULL);
-	pid = fork();
-	assert_true(pid >= 0);
 	if (pid > 0)
 		return pid;
 	(void)test_become_other_user();
-	(void)prctl(PR_SET_PDEATHSIG, SIGKILL);
 	if (ooc_connect(scene->socket_path, "newcomer", &client) < 0 ||
 	    ooc_open(client, scene->store_path, &store) < 0)
 		_exit(1);
@@ -511,8 +501,6 @@ static _Noreturn void draw_at_random(const struct scene *scene, struct crowd *cr
 	struct ooc_store *store;
 	uint32_t random = number + 1;
 
-	/* A test that fails leaves no crowd behind. */
-	(void)prctl(PR_SET_PDEATHSIG, SIGKILL);
 	while (ooc_connect(scene->socket_path, "crowd", &client) < 0)
 		wait_a_moment();
 	while (ooc_open(client, scene->store_path, &store) < 0)
@@ -556,15 +544,12 @@ static void a_crowd_in_a_tiny_cache_never_sees_a_wrong_byte_and_comes_back(void 
 	struct crowd *crowd = mmap(NULL, sizeof(*crowd), PROT_READ | PROT_WRITE,
 				   MAP_SHARED | MAP_ANONYMOUS, -1, 0);
 	pid_t clients[CROWD_COUNT_MAX];
-	int status;
 
 	assert_ptr_not_equal(crowd, MAP_FAILED);
 	crowd->client_count = (uint32_t)u64_min(test_repeats(CROWD_COUNT), CROWD_COUNT_MAX);
 	start_daemon(scene, "1M");
-	(void)fflush(NULL);
 	for (uint32_t i = 0; i < crowd->client_count; i++) {
-		clients[i] = fork();
-		assert_true(clients[i] >= 0);
+		clients[i] = test_fork();
 		if (clients[i] == 0)
 			draw_at_random(scene, crowd, i);
 	}
@@ -574,9 +559,10 @@ static void a_crowd_in_a_tiny_cache_never_sees_a_wrong_byte_and_comes_back(void 
 		start_daemon(scene, "1M");
 	}
 	for (uint32_t i = 0; i < crowd->client_count; i++) {
-		assert_int_equal(waitpid(clients[i], &status, 0), clients[i]);
+		int status = test_wait(clients[i]);
+
 		if (status != 0)
-			fail_msg("client %u ended with status %#x", i, (unsigned)status);
+			fail_msg("client %u ended with %d", i, status);
 	}
 	print_message("%llu payloads compared\n", (unsigned long long)crowd->reads);
 	(void)munmap(crowd, sizeof(*crowd));
@@ -637,8 +623,7 @@ static void eight_programs_that_find_no_daemon_end_with_one(void **state)
 	(void)state;
 	assert_int_equal(pipe(start_fds) | pipe(answer_fds) | pipe(go_on_fds), 0);
 	for (int i = 0; i < RACER_COUNT; i++) {
-		racers[i] = fork();
-		assert_true(racers[i] >= 0);
+		racers[i] = test_fork();
 		if (racers[i] == 0) {
 			struct ooc_client *client = NULL;
 			pid_t daemon = 0;
@@ -664,7 +649,7 @@ static void eight_programs_that_find_no_daemon_end_with_one(void **state)
 				 sizeof(daemons[i]));
 	(void)close(go_on_fds[1]);
 	for (int i = 0; i < RACER_COUNT; i++)
-		assert_int_equal(waitpid(racers[i], NULL, 0), racers[i]);
+		assert_int_equal(test_wait(racers[i]), 0);
 	assert_true(daemons[0] > 0);
 	end_daemon(daemons[0]);
 	for (int i = 1; i < RACER_COUNT; i++)

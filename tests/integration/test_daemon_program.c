@@ -26,7 +26,6 @@
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/un.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "daemon/server/memory.h"
@@ -55,9 +54,7 @@ static void program_start(struct program *program, const char *const *arguments)
 	for (uint32_t i = 0; arguments[i]; i++)
 		argv[i + 1] = arguments[i];
 	assert_int_equal(pipe2(pipes, O_CLOEXEC), 0);
-	(void)fflush(NULL);
-	program->pid = fork();
-	assert_true(program->pid >= 0);
+	program->pid = test_fork();
 	if (program->pid == 0) {
 		(void)dup2(pipes[1], STDOUT_FILENO);
 		(void)dup2(pipes[1], STDERR_FILENO);
@@ -75,15 +72,12 @@ static int program_end(struct program *program, char **ret_text)
 	size_t text_bytes;
 	FILE *out = open_memstream(ret_text, &text_bytes);
 	ssize_t n;
-	int status;
 
 	while ((n = read(program->output_fd, buffer, sizeof(buffer))) > 0)
 		(void)fwrite(buffer, 1, (size_t)n, out);
 	(void)fclose(out);
 	(void)close(program->output_fd);
-	assert_int_equal(waitpid(program->pid, &status, 0), program->pid);
-	assert_true(WIFEXITED(status));
-	return WEXITSTATUS(status);
+	return test_wait(program->pid);
 }
 
 static void check_says(const char *const *arguments, int status, const char *text)
@@ -184,7 +178,7 @@ static void an_old_socket_file_is_replaced(void **state)
 						       "8M", "--verbose", NULL });
 	program_await_serving(&program);
 	assert_int_equal(kill(program.pid, SIGKILL), 0);
-	assert_int_equal(waitpid(program.pid, NULL, 0), program.pid);
+	assert_int_equal(test_wait(program.pid), -SIGKILL);
 	(void)close(program.output_fd);
 	assert_string_equal(test_folder_list(*state), "oocd.sock oocd.sock.lock ");
 	program_start(&program, (const char *const[]){ "--socket", socket_path, "--cache-size",
@@ -235,9 +229,7 @@ static void a_handed_socket_is_served(void **state)
 	fd = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0);
 	assert_int_equal(bind(fd, (struct sockaddr *)&address, sizeof(address)), 0);
 	assert_int_equal(listen(fd, 8), 0);
-	(void)fflush(NULL);
-	daemon.pid = fork();
-	assert_true(daemon.pid >= 0);
+	daemon.pid = test_fork();
 	if (daemon.pid == 0) {
 		char pid[16];
 

@@ -14,13 +14,11 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <linux/falloc.h>
 #include <poll.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/mman.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -204,35 +202,7 @@ static void must_be_refused(int result)
 	assert_int_equal(result, 0);
 }
 
-/* Returns: 0, or the number of the way that was open. */
-static int write_in_every_way(int fd)
-{
-	char path[64];
-	void *map;
-
-	if (write(fd, "x", 1) >= 0 || pwrite(fd, "x", 1, 0) >= 0)
-		return 1;
-	if (mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0) != MAP_FAILED)
-		return 2;
-	map = mmap(NULL, 4096, PROT_READ, MAP_SHARED, fd, 0);
-	if (map == MAP_FAILED || mprotect(map, 4096, PROT_READ | PROT_WRITE) == 0)
-		return 3;
-	(void)munmap(map, 4096);
-	if (ftruncate(fd, 0) == 0 || ftruncate(fd, 1 << 30) == 0)
-		return 4;
-	if (fallocate(fd, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, 0, 4096) == 0 ||
-	    fallocate(fd, 0, 1 << 30, 4096) == 0)
-		return 5;
-	if (fchmod(fd, 0666) == 0 || fchown(fd, TEST_OTHER_UID, TEST_OTHER_UID) == 0)
-		return 6;
-	(void)snprintf(path, sizeof(path), "/proc/self/fd/%d", fd);
-	if (open(path, O_RDWR | O_CLOEXEC) >= 0 || open(path, O_WRONLY | O_CLOEXEC) >= 0 ||
-	    chmod(path, 0666) == 0 || truncate(path, 0) == 0)
-		return 7;
-	return fcntl(fd, F_ADD_SEALS, F_SEAL_WRITE) == 0 ? 8 : 0;
-}
-
-/* Receives as a client would, but keeps the descriptors.  Returns: as write_in_every_way(). */
+/* Receives as a client would, but keeps the descriptors.  Returns: as test_write_in_every_way(). */
 static int attack_what_is_given(struct fixture *fixture)
 {
 	struct kit_client *client = kit_connect(&fixture->daemon);
@@ -255,7 +225,7 @@ static int attack_what_is_given(struct fixture *fixture)
 		    wire_receive(client->fd, client->message, fds, &fd_count) <= 0)
 			return 21;
 		for (size_t i = 0; i < fd_count; i++) {
-			int way = write_in_every_way(fds[i]);
+			int way = test_write_in_every_way(fds[i]);
 
 			if (way != 0)
 				return way;

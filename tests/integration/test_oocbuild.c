@@ -12,7 +12,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <cmocka.h>
@@ -558,28 +557,25 @@ static void an_interrupted_build_leaves_nothing(void **state)
 		int ends[2];
 		pid_t process;
 		ssize_t length;
-		int status;
 
 		assert_int_equal(pipe(ends), 0);
-		process = fork();
+		process = test_fork();
 		if (process == 0) {
 			(void)dup2(ends[1], STDERR_FILENO);
 			(void)execl(program, "oocbuild", "-o", store, "--memory", "96M", "--jobs",
 				    "1", model, NULL);
 			_exit(99);
 		}
-		assert_true(process > 0);
 		assert_int_equal(close(ends[1]), 0);
 		/* In the middle of it: half of the model has been read. */
 		while (process_bytes(process) >= 0 && process_bytes(process) < 10000000)
 			(void)sched_yield();
 		assert_int_equal(kill(process, signals[i]), 0);
-		assert_int_equal(waitpid(process, &status, 0), process);
+		assert_int_equal(test_wait(process), 1);
 		length = read(ends[0], said, sizeof(said) - 1);
 		assert_true(length > 0);
 		said[length] = '\0';
 		assert_int_equal(close(ends[0]), 0);
-		assert_true(WIFEXITED(status) && WEXITSTATUS(status) == 1);
 		assert_string_equal(said, "oocbuild: interrupted: no store was made\n");
 		assert_string_equal(test_folder_list(*state), "plant.ply ");
 	}

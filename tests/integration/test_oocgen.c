@@ -42,8 +42,7 @@ static pid_t start_plant(const char *triangles, const char *path)
 	pid_t pid;
 
 	(void)snprintf(program, sizeof(program), "%s/oocgen", getenv("OOCD_BIN"));
-	pid = fork();
-	assert_true(pid >= 0);
+	pid = test_fork();
 	if (pid == 0) {
 		(void)execl(program, program, "plant", "--triangles", triangles, "-o", path, NULL);
 		_exit(127);
@@ -71,16 +70,14 @@ static void an_interrupted_plant_leaves_no_file(void **state)
 	int watch = inotify_init1(IN_CLOEXEC);
 	char event[4096];
 	pid_t pid;
-	int status;
 
 	assert_true(inotify_add_watch(watch, *state, IN_CREATE) >= 0);
 	pid = start_plant("100000000", path);
 	/* Its temporary file is there: now it writes. */
 	assert_true(read(watch, event, sizeof(event)) > 0);
 	assert_int_equal(kill(pid, SIGTERM), 0);
-	assert_int_equal(waitpid(pid, &status, 0), pid);
+	assert_int_equal(test_wait(pid), 1);
 	(void)close(watch);
-	assert_true(WIFEXITED(status) && WEXITSTATUS(status) == 1);
 	assert_string_equal(test_folder_list(*state), "");
 	free(path);
 }

@@ -13,7 +13,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/inotify.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <cmocka.h>
@@ -122,9 +121,7 @@ static pid_t start_view(const struct view_fixture *fixture, const char *argument
 	(void)snprintf(command, sizeof(command),
 		       "cd %s && exec $OOCD_BIN/oocview --socket oocd.sock %s", fixture->folder,
 		       arguments);
-	(void)fflush(NULL);
-	child = fork();
-	assert_true(child >= 0);
+	child = test_fork();
 	if (child == 0) {
 		(void)execl("/bin/sh", "sh", "-c", command, (char *)NULL);
 		_exit(127);
@@ -142,7 +139,6 @@ static void a_signal_ends_a_film_cleanly(void **state)
 	view_write_path(fixture, "p.csv", 3);
 	for (size_t i = 0; i < 2; i++) {
 		char event[4096];
-		int status;
 		int watch = inotify_init1(IN_CLOEXEC);
 		pid_t child;
 
@@ -155,9 +151,7 @@ static void a_signal_ends_a_film_cleanly(void **state)
 		/* The first picture is there: now it is in the midst of it. */
 		assert_true(read(watch, event, sizeof(event)) > 0);
 		assert_int_equal(kill(child, signals[i]), 0);
-		assert_int_equal(waitpid(child, &status, 0), child);
-		assert_true(WIFEXITED(status));
-		assert_int_equal(WEXITSTATUS(status), 130);
+		assert_int_equal(test_wait(child), 130);
 		assert_null(strstr(test_folder_list(view_file(fixture, "film")), "part"));
 		(void)close(watch);
 	}
@@ -167,7 +161,6 @@ static void a_film_goes_on_when_the_daemon_is_started_again(void **state)
 {
 	struct view_fixture *fixture = *state;
 	char event[4096];
-	int status;
 	int watch;
 	pid_t child;
 
@@ -186,9 +179,7 @@ static void a_film_goes_on_when_the_daemon_is_started_again(void **state)
 	assert_int_equal(kit_daemon_stop(&fixture->daemon, SIGKILL), -SIGKILL);
 	fixture->daemon.pid = 0;
 	view_start_daemon(fixture, 1 * MIB);
-	assert_int_equal(waitpid(child, &status, 0), child);
-	assert_true(WIFEXITED(status));
-	assert_int_equal(WEXITSTATUS(status), 0);
+	assert_int_equal(test_wait(child), 0);
 	for (int i = 0; i < 3; i++) {
 		char name[64];
 		char last[64];

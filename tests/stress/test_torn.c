@@ -24,7 +24,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "formats/base/bytes.h"
@@ -170,19 +169,13 @@ static void run_readers(const char *folder, bool keep_the_rule, struct tally *ta
 	/* A quarter of the store: less than all readers want. */
 	config.cache_bytes = MIB;
 	kit_daemon_start(folder, &config, &daemon);
-	(void)fflush(NULL);
 	for (uint32_t i = 0; i < READER_COUNT; i++) {
-		readers[i] = fork();
-		assert_true(readers[i] >= 0);
+		readers[i] = test_fork();
 		if (readers[i] == 0)
 			reader_main(&daemon, path, tally, keep_the_rule, i);
 	}
-	for (uint32_t i = 0; i < READER_COUNT; i++) {
-		int status;
-
-		assert_int_equal(waitpid(readers[i], &status, 0), readers[i]);
-		assert_true(WIFEXITED(status) && WEXITSTATUS(status) == 0);
-	}
+	for (uint32_t i = 0; i < READER_COUNT; i++)
+		assert_int_equal(test_wait(readers[i]), 0);
 	assert_int_equal(kit_daemon_stop(&daemon, SIGTERM), 0);
 	print_message("%llu sets, %llu reads, %llu torn\n", (unsigned long long)tally->sets,
 		      (unsigned long long)tally->reads, (unsigned long long)tally->torn);

@@ -21,7 +21,6 @@
 #include <string.h>
 #include <sys/prctl.h>
 #include <sys/syscall.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "tests/helper.h"
@@ -153,19 +152,15 @@ static void where_nothing_has_changed_no_system_call_is_made(void **state)
 {
 	struct scene *scene = *state;
 	int64_t serial = give(scene, 1, 3);
-	int status;
 	pid_t pid;
 
 	(void)fake_expect_set(scene->fake, (uint64_t)serial);
 	serve(scene, (uint64_t)serial, 1, 3);
 	assert_int_equal(ooc_dispatch(scene->client), 0);
-	pid = fork();
-	assert_true(pid >= 0);
+	pid = test_fork();
 	if (pid == 0)
 		draw_without_calls(scene, serial);
-	assert_int_equal(waitpid(pid, &status, 0), pid);
-	assert_false(WIFSIGNALED(status));
-	assert_int_equal(WEXITSTATUS(status), 0);
+	assert_int_equal(test_wait(pid), 0);
 }
 
 #endif
