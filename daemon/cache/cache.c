@@ -60,10 +60,39 @@ static void unpin(struct cache *cache, struct served *served, uint32_t index)
 
 /* ---- eviction ---- */
 
+/* While nothing has had to go any order does, so until then a policy is told nothing. */
+static struct replacement *replacement_of(const struct served *served)
+{
+	return served->has_evicted ? served->replacement : NULL;
+}
+
+/* What is in memory, as if the policy had seen it come. */
+static void begin_replacement(struct served *served)
+{
+	uint64_t room_pages = arena_bytes(&served->arena) / WIRE_PAGE_BYTES;
+
+	served->has_evicted = true;
+	if (!served->replacement)
+		return;
+	for (uint32_t i = 0; i < served->node_count; i++)
+		if (served->nodes[i].hold_count > 0)
+			replacement_use(served->replacement, i, served_pages(served, i),
+					room_pages);
+	LIST_FOR_EACH (link, &served->lru) {
+		const struct node *node = LIST_ENTRY(link, struct node, link);
+		uint32_t index = (uint32_t)(node - served->nodes);
+
+		replacement_let_go(served->replacement, index, served_pages(served, index),
+				   !node->unused_prefetch);
+	}
+}
+
 static void evict(struct served *served, uint32_t index)
 {
 	struct node *node = &served->nodes[index];
 
+	if (!served->has_evicted)
+		begin_replacement(served);
 	/* The word says ABSENT before the place can be given to anyone. */
 	node_evict(node, word_of(served, index));
 	list_remove(&node->link);
@@ -604,7 +633,7 @@ static void set_free(struct cache *cache, struct served *served, uint32_t index,
 	ledger_note_held(&served->ledger, index, false);
 	node->last_use = ++cache->clock;
 	list_push_back(&served->lru, &node->link);
-	if (served->replacement)
+	if (replacement_of(served))
 		replacement_let_go(served->replacement, index, served_pages(served, index),
 				   was_used);
 	recorder_node(served, TRACE_FREE, index);
@@ -638,7 +667,7 @@ void cache_fail_fill(struct cache *cache, struct served *served, uint32_t index,
 
 	node_fail_fill(node, word_of(served, index), damaged);
 	node->unused_prefetch = false;
-	if (served->replacement)
+	if (replacement_of(served))
 		replacement_fail(served->replacement, index);
 	unpin(cache, served, index);
 	arena_give(&served->arena, node->place);
@@ -659,7 +688,7 @@ void cache_hold(struct cache *cache, struct served *served, uint32_t index)
 		node->unused_prefetch = false;
 		served->counters.prefetch_used++;
 	}
-	if (!was_held && served->replacement)
+	if (!was_held && replacement_of(served))
 		replacement_use(served->replacement, index, served_pages(served, index),
 				arena_bytes(&served->arena) / WIRE_PAGE_BYTES);
 	if (!was_free)
@@ -776,7 +805,7 @@ static void store_check(const struct served *served)
 
 		node_check(node);
 		CHECK((node->state == NODE_FREE) == !list_is_empty(&node->link));
-		CHECK(!served->replacement ||
+		CHECK(!replacement_of(served) ||
 		      replacement_has(served->replacement, i) == (node->state == NODE_FREE));
 		if (node->state == NODE_ABSENT || node->state == NODE_DAMAGED)
 			continue;

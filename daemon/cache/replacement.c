@@ -158,7 +158,7 @@ static double lru_value(uint64_t age)
 	return 1.0 / ((double)age + 1.0);
 }
 
-static double value_of(const struct replacement *replacement, enum way way, uint32_t index)
+static double value_of(struct replacement *replacement, enum way way, uint32_t index)
 {
 	uint64_t age = replacement->clock - replacement->members[index].let_go;
 
@@ -177,7 +177,7 @@ uint64_t replacement_lru_worth(uint64_t age)
 	return worth_of(lru_value(age));
 }
 
-uint64_t replacement_worth(const struct replacement *replacement, uint32_t index)
+uint64_t replacement_worth(struct replacement *replacement, uint32_t index)
 {
 	return worth_of(value_of(replacement, WAY_REUSE, index));
 }

@@ -27,7 +27,7 @@
 #include <stdint.h>
 
 /* One X(name) for each policy, the usual one first. */
-#define REPLACEMENTS(X) X(lru) X(reuse)
+#define REPLACEMENTS(X) X(reuse) X(lru)
 
 enum replacement_policy {
 #define REPLACEMENT_VALUE(name) REPLACEMENT_##name,
@@ -86,7 +86,7 @@ uint32_t replacement_sample(struct replacement *replacement, uint32_t *ret, uint
 bool replacement_is_lru(const struct replacement *replacement);
 
 /** What reuse.h says a page of a node that may go is worth, as of now.  1 .. 2^34. */
-uint64_t replacement_worth(const struct replacement *replacement, uint32_t index);
+uint64_t replacement_worth(struct replacement *replacement, uint32_t index);
 /** What LRU takes a page to be worth: a use in as much time as it has been without one.  1 .. 2^33. */
 uint64_t replacement_lru_worth(uint64_t age);
 

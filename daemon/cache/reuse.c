@@ -26,8 +26,8 @@
 #define KIND_COUNT      (KIND_NEXT + BIN_COUNT / BINS_A_NEXT)
 /* What all nodes did counts as so many cases for each kind, until it has cases of its own. */
 #define PRIOR_CASES 8.0f
-/* Cases between two looks at what was learned. */
-#define LEARN_CASES 256u
+/* Values are made anew when so many cases have begun since. */
+#define VALUE_CASES 256u
 /* What was learned counts half after so many cases, and two more for each node of the store. */
 #define HALVE_CASES 8192u
 
@@ -45,10 +45,17 @@ struct reuse {
 	/* What was learned: of cases that began, how many ended at which age. */
 	float begun[KIND_COUNT];
 	float ended[KIND_COUNT][BIN_COUNT];
-	uint32_t cases;       /* since the values were made */
+	uint64_t cases;       /* that ever began */
 	uint32_t halve_cases; /* since all was halved */
+
+	/* Of all kinds together, as PRIOR_CASES cases. */
+	float prior_begun;
+	float prior_ended[BIN_COUNT];
+	uint64_t prior_made; /* `cases` then; 0: never */
+
 	/* What keeping a node of an age is worth: wants a page and page of time. */
 	float values[KIND_COUNT][BIN_COUNT + 1];
+	uint64_t values_made[KIND_COUNT]; /* as prior_made */
 
 	struct past pasts[]; /* node_count */
 };
@@ -98,20 +105,20 @@ static float bin_begin(uint32_t bin)
 
 /* ---- learning ---- */
 
-/* All that was learned, of all kinds together, as PRIOR_CASES cases. */
-static void make_prior(const struct reuse *reuse, float *ret_begun, float *ret_ended)
+static void make_prior(struct reuse *reuse)
 {
 	float begun = 0;
 
-	memset(ret_ended, 0, BIN_COUNT * sizeof(*ret_ended));
+	memset(reuse->prior_ended, 0, sizeof(reuse->prior_ended));
 	for (uint32_t kind = 0; kind < KIND_COUNT; kind++) {
 		begun += reuse->begun[kind];
 		for (uint32_t bin = 0; bin < BIN_COUNT; bin++)
-			ret_ended[bin] += reuse->ended[kind][bin];
+			reuse->prior_ended[bin] += reuse->ended[kind][bin];
 	}
-	*ret_begun = begun > 0 ? PRIOR_CASES : 0;
+	reuse->prior_begun = begun > 0 ? PRIOR_CASES : 0;
 	for (uint32_t bin = 0; bin < BIN_COUNT && begun > 0; bin++)
-		ret_ended[bin] *= PRIOR_CASES / begun;
+		reuse->prior_ended[bin] *= PRIOR_CASES / begun;
+	reuse->prior_made = reuse->cases;
 }
 
 /* Cases that ended at the ages of one bin. */
@@ -146,48 +153,42 @@ static float value_at(const struct ends *ends, uint32_t ends_count, float at_ris
 }
 
 /* Most bins are of ages at which nothing ends: only the others are gone through for each. */
-static void make_values(const float *ended, float at_risk, float ret[BIN_COUNT + 1])
+static void make_values(struct reuse *reuse, uint32_t kind)
 {
+	float at_risk = reuse->begun[kind] + reuse->prior_begun;
+	float *values = reuse->values[kind];
 	struct ends ends[BIN_COUNT];
 	uint32_t count = 0;
 	uint32_t first = 0;
 
-	for (uint32_t bin = 0; bin < BIN_COUNT; bin++)
-		if (ended[bin] > 0)
+	for (uint32_t bin = 0; bin < BIN_COUNT; bin++) {
+		float ended = reuse->ended[kind][bin] + reuse->prior_ended[bin];
+
+		if (ended > 0)
 			ends[count++] = (struct ends){
 				.bin = bin,
-				.count = ended[bin],
+				.count = ended,
 				.middle = 0.5f * (bin_begin(bin) + bin_begin(bin + 1)),
 				.end = bin_begin(bin + 1),
 			};
-	for (uint32_t bin = 0; bin < BIN_COUNT; bin++) {
-		ret[bin] = value_at(ends + first, count - first, at_risk, bin_begin(bin));
-		at_risk -= ended[bin];
-		first += first < count && ends[first].bin == bin;
 	}
-	ret[BIN_COUNT] = 0;
+	for (uint32_t bin = 0; bin < BIN_COUNT; bin++) {
+		values[bin] = value_at(ends + first, count - first, at_risk, bin_begin(bin));
+		if (first < count && ends[first].bin == bin)
+			at_risk -= ends[first++].count;
+	}
+	values[BIN_COUNT] = 0;
+	reuse->values_made[kind] = reuse->cases;
 }
 
-static void learn(struct reuse *reuse)
+/* They cost more than the rest together, so they are made of the kinds that are asked for, and then. */
+static const float *values_of(struct reuse *reuse, uint32_t kind)
 {
-	float prior_ended[BIN_COUNT];
-	float prior_values[BIN_COUNT + 1];
-	float prior_begun;
-
-	make_prior(reuse, &prior_begun, prior_ended);
-	make_values(prior_ended, prior_begun, prior_values);
-	for (uint32_t kind = 0; kind < KIND_COUNT; kind++) {
-		float ended[BIN_COUNT];
-
-		if (reuse->begun[kind] == 0) {
-			memcpy(reuse->values[kind], prior_values, sizeof(prior_values));
-			continue;
-		}
-		for (uint32_t bin = 0; bin < BIN_COUNT; bin++)
-			ended[bin] = reuse->ended[kind][bin] + prior_ended[bin];
-		make_values(ended, reuse->begun[kind] + prior_begun, reuse->values[kind]);
-	}
-	reuse->cases = 0;
+	if (reuse->cases - reuse->prior_made >= VALUE_CASES)
+		make_prior(reuse);
+	if (reuse->cases - reuse->values_made[kind] >= VALUE_CASES)
+		make_values(reuse, kind);
+	return reuse->values[kind];
 }
 
 static void halve(struct reuse *reuse)
@@ -226,8 +227,7 @@ void reuse_begin(struct reuse *reuse, uint32_t index, bool was_used)
 	reuse->begun[past->kind]++;
 	if (++reuse->halve_cases > HALVE_CASES + 2 * (uint64_t)reuse->node_count)
 		halve(reuse);
-	if (++reuse->cases == LEARN_CASES)
-		learn(reuse);
+	reuse->cases++;
 }
 
 void reuse_end(struct reuse *reuse, uint32_t index, uint64_t age)
@@ -245,9 +245,9 @@ void reuse_end(struct reuse *reuse, uint32_t index, uint64_t age)
 	past->gap_count += past->gap_count < GAP_COUNT;
 }
 
-double reuse_value(const struct reuse *reuse, uint32_t index, uint64_t age)
+double reuse_value(struct reuse *reuse, uint32_t index, uint64_t age)
 {
-	const float *values = reuse->values[reuse->pasts[index].kind];
+	const float *values = values_of(reuse, reuse->pasts[index].kind);
 	uint32_t bin = bin_of(age);
 	float begin = bin_begin(bin);
 	float value = values[bin] + (values[bin + 1] - values[bin]) * ((float)age - begin) /

@@ -43,7 +43,13 @@ void reuse_begin(struct reuse *reuse, uint32_t index, bool was_used);
 /** The node is wanted, and age has passed since it was let go.  Without an open case nothing happens. */
 void reuse_end(struct reuse *reuse, uint32_t index, uint64_t age);
 
-/** Wants a unit of time, >= 0, of a node that was let go `age` ago.  0: not known to be worth anything. */
-double reuse_value(const struct reuse *reuse, uint32_t index, uint64_t age);
+/**
+ * What nobody asks the value of costs next to nothing: what was learned is gone through here, again
+ * after 256 cases.
+ *
+ * Returns: wants a unit of time, >= 0, of a node that was let go `age` ago.  0: not known to be worth
+ *	anything.
+ */
+double reuse_value(struct reuse *reuse, uint32_t index, uint64_t age);
 
 #endif /* DAEMON_CACHE_REUSE_H */

@@ -72,6 +72,7 @@ struct served {
 	uint32_t logged_count;           /* lines about its nodes; bounded */
 	struct store_counters counters;  /* since it was opened */
 	struct replacement *replacement; /* order of the FREE nodes; NULL: that of the lru list */
+	bool has_evicted;                /* before that, replacement is told nothing */
 	struct recorded *recorded;       /* in the trace; NULL: none is written (recorder.h) */
 	/* Nodes that an administrator wants resident; see residents.h. */
 	uint32_t resident_count;
