@@ -7,6 +7,7 @@
 
 #include <epoxy/gl.h>
 
+#include "formats/base/random.h"
 #include "formats/store/payload.h"
 #include "libclient/select/raster.h"
 #include "viewer/target.h"
@@ -27,20 +28,10 @@ struct scene {
 	float depths[WIDTH * HEIGHT];
 };
 
-/* SplitMix64: the same triangles every time. */
-static uint32_t random_below(uint64_t *state, uint32_t end)
-{
-	uint64_t z = *state += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
-	return (uint32_t)(((z ^ z >> 31) >> 32) * end >> 32);
-}
-
 /* One in eight is as large as a quarter of the scene, so that some pass through the near plane. */
 static void scene_make(struct scene *scene)
 {
-	uint64_t random = 1;
+	struct random random = { 1 };
 
 	for (uint32_t v = 0; v < VERTEX_COUNT; v++) {
 		uint32_t triangle = v / 3;

@@ -12,11 +12,12 @@
 #include "daemon/fetch/fetch_backend.h"
 #include "formats/base/check.h"
 #include "formats/base/file.h"
+#include "formats/base/random.h"
 
 struct sim {
 	struct fetch_backend backend;
 	struct fetch_sim config;
-	uint64_t random;
+	struct random random;
 	int event_fd;
 	int files[FETCH_FILE_COUNT_MAX];
 	uint32_t depth;
@@ -29,19 +30,9 @@ static struct sim *sim_of(struct fetch_backend *backend)
 	return (struct sim *)(void *)backend;
 }
 
-/* splitmix64, Steele, Lea and Flood (2014). */
-static uint64_t sim_random(struct sim *sim)
-{
-	uint64_t z = sim->random += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
-	return z ^ z >> 31;
-}
-
 static bool sim_chance(struct sim *sim, uint32_t permille)
 {
-	return sim_random(sim) % 1000 < permille;
+	return random_next(&sim->random) % 1000 < permille;
 }
 
 static void sim_destroy(struct fetch_backend *backend)
@@ -92,10 +83,10 @@ static int32_t sim_read(struct sim *sim, const struct fetch_piece *piece)
 	if (n < 0)
 		return -errno;
 	if (n > 0 && sim_chance(sim, sim->config.corrupt_permille))
-		*piece_byte(piece, sim_random(sim) % (uint64_t)n) ^=
-			(uint8_t)(1u << sim_random(sim) % 8);
+		*piece_byte(piece, random_next(&sim->random) % (uint64_t)n) ^=
+			(uint8_t)(1u << random_next(&sim->random) % 8);
 	if (n > 1 && sim_chance(sim, sim->config.short_permille))
-		n = 1 + (ssize_t)(sim_random(sim) % (uint64_t)(n - 1));
+		n = 1 + (ssize_t)(random_next(&sim->random) % (uint64_t)(n - 1));
 	return (int32_t)n;
 }
 
@@ -121,7 +112,7 @@ static size_t sim_reap(struct fetch_backend *backend, struct fetch_event *events
 	eventfd_t ignored;
 
 	for (uint32_t i = sim->count; sim->config.reorder && i > 1; i--) {
-		uint32_t j = (uint32_t)(sim_random(sim) % i);
+		uint32_t j = (uint32_t)(random_next(&sim->random) % i);
 		struct fetch_event swap = sim->events[i - 1];
 
 		sim->events[i - 1] = sim->events[j];
@@ -163,7 +154,7 @@ int fetch_sim_create(uint32_t depth, const struct fetch_sim *config, struct fetc
 		return why_errno(why, -ENOMEM, "simulated reading");
 	sim->backend = (struct fetch_backend){ "sim", &sim_calls };
 	sim->config = *config;
-	sim->random = config->seed;
+	sim->random.state = config->seed;
 	sim->depth = depth;
 	sim->event_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
 	if (sim->event_fd < 0) {

@@ -17,22 +17,18 @@
 #include <cmocka.h>
 
 #include "formats/base/bytes.h"
+#include "formats/base/random.h"
 #include "formats/store/payload.h"
 #include "formats/store/store_file.h"
 #include "libclient/select/camera.h"
 #include "tests/helper.h"
 #include "tools/bench/accuracy/explain.h"
 
-static uint64_t random_state = 1;
+static struct random dice = { 1 };
 
 static double random_sign(void)
 {
-	/* SplitMix64 */
-	uint64_t z = random_state += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
-	return (double)((z ^ z >> 31) >> 11) * 0x1p-52 - 1.0;
+	return random_between(&dice, -1.0, 1.0);
 }
 
 /* Runs one of our programs in the folder, without its output.  Returns: its exit status. */
@@ -73,7 +69,7 @@ static void soup_write(const char *path, uint32_t triangle_count, double middle,
 	FILE *file = fopen(path, "we");
 
 	assert_non_null(file);
-	random_state = triangle_count;
+	dice.state = triangle_count;
 	fprintf(file,
 		"ply\nformat binary_little_endian 1.0\nelement vertex %u\nproperty %s x\n"
 		"property %s y\nproperty %s z\nelement face %u\n"

@@ -19,6 +19,7 @@
 #include <epoxy/gl.h>
 
 #include "formats/base/bytes.h"
+#include "formats/base/random.h"
 #include "libclient/select/raster.h"
 
 #define WIDTH  640
@@ -47,17 +48,7 @@ static const char fragment_source[] = "#version 450 core\n"
 				      "	item = uint(gl_PrimitiveID);\n"
 				      "}\n";
 
-static uint64_t random_state;
-
-static double random_unit(void)
-{
-	/* SplitMix64 */
-	uint64_t z = random_state += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
-	return (double)((z ^ z >> 31) >> 11) * 0x1p-53;
-}
+static struct random dice;
 
 /* GL drivers leak, and are gone when LeakSanitizer looks, so that it cannot name them. */
 int __lsan_is_turned_off(void);
@@ -223,11 +214,12 @@ static void soup_make(struct raster_draw *draw, uint32_t triangle_count, double 
 		double centre[3];
 
 		for (int k = 0; k < 3; k++)
-			centre[k] = 20.0 * (random_unit() - 0.5);
+			centre[k] = 20.0 * (random_unit(&dice) - 0.5);
 		for (uint32_t corner = 0; corner < 3; corner++)
 			for (uint32_t k = 0; k < 3; k++)
 				positions[9 * i + 3 * corner + k] = rintf(
-					(float)((centre[k] + size * (random_unit() - 0.5)) * 1024));
+					(float)((centre[k] + size * (random_unit(&dice) - 0.5)) *
+						1024));
 	}
 	for (uint32_t i = 0; i < vertex_count; i++)
 		indices[i] = i;
@@ -253,11 +245,11 @@ static void scenes_agree(const char *name, uint32_t triangle_count, double size,
 		struct camera camera = { .up = { 0, 0, 1 }, .fov_y_degrees = 60 };
 		struct raster_draw draw;
 
-		random_state = seed * 1000;
+		dice.state = seed * 1000;
 		soup_make(&draw, triangle_count, size);
 		for (int k = 0; k < 3; k++) {
-			camera.eye[k] = (inside ? 8.0 : 40.0) * (random_unit() - 0.5);
-			camera.at[k] = 2.0 * random_unit();
+			camera.eye[k] = (inside ? 8.0 : 40.0) * (random_unit(&dice) - 0.5);
+			camera.at[k] = 2.0 * random_unit(&dice);
 		}
 		compare(&camera, &draw, &sum);
 		draw_done(&draw);

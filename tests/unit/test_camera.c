@@ -15,25 +15,15 @@
 
 #include "formats/base/bytes.h"
 #include "formats/base/file.h"
+#include "formats/base/random.h"
 #include "libclient/select/camera.h"
 #include "tests/helper.h"
 
-static uint64_t random_state = 1;
+static struct random dice = { 1 };
 
-static uint64_t random_bits(void)
-{
-	/* SplitMix64 */
-	uint64_t z = random_state += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
-	return z ^ z >> 31;
-}
-
-/* -1 .. 1 */
 static double random_sign(void)
 {
-	return (double)(random_bits() >> 11) * 0x1p-52 - 1.0;
+	return random_between(&dice, -1.0, 1.0);
 }
 
 static const struct store_superblock box_of_2 = {
@@ -66,8 +56,8 @@ static void a_row_brings_every_double_back_exactly(void **state)
 		char row[CAMERA_ROW_BYTES];
 
 		for (int k = 0; k < 3; k++) {
-			camera.eye[k] = ldexp(random_sign(), (int)(random_bits() % 200) - 100);
-			camera.at[k] = ldexp(random_sign(), (int)(random_bits() % 200) - 100);
+			camera.eye[k] = ldexp(random_sign(), (int)(random_next(&dice) % 200) - 100);
+			camera.at[k] = ldexp(random_sign(), (int)(random_next(&dice) % 200) - 100);
 			camera.up[k] = random_sign();
 		}
 		assert_int_equal(camera_from_row(&back, camera_to_row(&camera, row), NULL), 0);

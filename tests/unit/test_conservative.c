@@ -16,6 +16,7 @@
 #include <cmocka.h>
 
 #include "formats/base/bytes.h"
+#include "formats/base/random.h"
 #include "libclient/select/conservative.h"
 #include "libclient/select/occlusion.h"
 #include "tests/helper.h"
@@ -25,17 +26,7 @@
 #define HEIGHT 64u
 
 static const double no_origin[3];
-static uint64_t random_state;
-
-static double random_unit(void)
-{
-	/* SplitMix64 */
-	uint64_t z = random_state += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
-	return (double)((z ^ z >> 31) >> 11) * 0x1p-53;
-}
+static struct random dice;
 
 static struct camera_view view_of(const struct scene *scene, const struct camera *camera,
 				  double near)
@@ -50,11 +41,13 @@ static struct camera_view view_of(const struct scene *scene, const struct camera
 
 static struct camera random_camera(const struct scene *scene, double reach)
 {
-	struct camera camera = { .up = { 0, 0, 1 }, .fov_y_degrees = 20.0 + 80.0 * random_unit() };
+	struct camera camera = { .up = { 0, 0, 1 },
+				 .fov_y_degrees = 20.0 + 80.0 * random_unit(&dice) };
 
 	for (int k = 0; k < 3; k++) {
-		camera.eye[k] = scene->superblock.origin[k] + reach * (2.0 * random_unit() - 1.0);
-		camera.at[k] = camera.eye[k] + random_unit() - 0.5;
+		camera.eye[k] =
+			scene->superblock.origin[k] + reach * (2.0 * random_unit(&dice) - 1.0);
+		camera.at[k] = camera.eye[k] + random_unit(&dice) - 0.5;
 	}
 	return camera;
 }
@@ -196,7 +189,7 @@ static void what_is_said_to_show_makes_the_same_picture(void **state)
 		struct stage stage;
 
 		rooms(&model);
-		random_state = 1;
+		dice.state = 1;
 		stage_make(&stage, &model, no_origin, 40, (enum store_layout)layout);
 		for (int i = 0; i < 150; i++) {
 			struct camera camera = random_camera(&stage.scene, i % 2 ? 15.0 : 40.0);
@@ -204,7 +197,7 @@ static void what_is_said_to_show_makes_the_same_picture(void **state)
 			struct conservative_result result;
 
 			if (i % 2)
-				camera.eye[2] = 1.0 + 2.0 * random_unit();
+				camera.eye[2] = 1.0 + 2.0 * random_unit(&dice);
 			view = view_of(&stage.scene, &camera, 0.05);
 			result = stage_frame(&stage, &view);
 			/* Whoever was drawn and does not show is told apart. */
@@ -222,7 +215,7 @@ static void what_is_not_there_is_said_to_be_missing_until_it_comes(void **state)
 
 	(void)state;
 	rooms(&model);
-	random_state = 2;
+	dice.state = 2;
 	stage_make(&stage, &model, no_origin, 40, STORE_LAYOUT_UNIQUE);
 	for (int i = 0; i < 40; i++) {
 		struct camera camera = random_camera(&stage.scene, 12.0);
@@ -235,7 +228,7 @@ static void what_is_not_there_is_said_to_be_missing_until_it_comes(void **state)
 		tester.overhead_triangles = 0;
 
 		for (uint32_t n = 0; n < stage.scene.superblock.node_count; n++)
-			stage.is_away[n] = random_unit() < 0.3;
+			stage.is_away[n] = random_unit(&dice) < 0.3;
 		conservative_forget(stage.conservative);
 		occlusion_clear(stage.occlusion);
 		assert_int_equal(
@@ -272,7 +265,7 @@ static void look_around(void (*make)(struct scene_model *model), uint32_t leaf_t
 		struct scene_model model = { 0 };
 		struct stage stage;
 
-		random_state = 3;
+		dice.state = 3;
 		make(&model);
 		stage_make(&stage, &model, no_origin, leaf_triangles, (enum store_layout)layout);
 		for (int i = 0; i < 40; i++) {
@@ -305,7 +298,7 @@ static void picket_fence(struct scene_model *model)
 		double at[3];
 
 		for (int k = 0; k < 3; k++)
-			at[k] = 8.0 * random_unit() - 4.0 + (k == 1 ? 5.0 : 0.0);
+			at[k] = 8.0 * random_unit(&dice) - 4.0 + (k == 1 ? 5.0 : 0.0);
 		scene_triangle(model, at, (double[]){ at[0] + 0.3, at[1], at[2] },
 			       (double[]){ at[0], at[1] + 0.2, at[2] + 0.3 });
 	}
@@ -325,8 +318,8 @@ static void pinhole(struct scene_model *model)
 	scene_plate(model, (double[]){ 0, 0, hole }, (double[]){ hole, 0, 0 },
 		    (double[]){ 0, 0, 8 }, 1, 6);
 	for (int i = 0; i < 40; i++) {
-		const double box_min[3] = { 12 * random_unit() - 6, 1 + 6 * random_unit(),
-					    12 * random_unit() - 6 };
+		const double box_min[3] = { 12 * random_unit(&dice) - 6, 1 + 6 * random_unit(&dice),
+					    12 * random_unit(&dice) - 6 };
 		const double box_max[3] = { box_min[0] + 0.5, box_min[1] + 0.5, box_min[2] + 0.5 };
 
 		scene_box(model, box_min, box_max, 1);
@@ -340,7 +333,7 @@ static void triangle_through_many_leaves(struct scene_model *model)
 		double at[3];
 
 		for (int k = 0; k < 3; k++)
-			at[k] = 12.0 * random_unit() - 6.0;
+			at[k] = 12.0 * random_unit(&dice) - 6.0;
 		scene_triangle(model, at, (double[]){ at[0] + 0.2, at[1], at[2] },
 			       (double[]){ at[0], at[1] + 0.2, at[2] + 0.2 });
 	}
@@ -392,7 +385,7 @@ static void a_model_far_from_the_origin_shows_the_same(void **state)
 		stage_make(&stages[i], &models[i], i == 0 ? no_origin : far_origin, 40,
 			   STORE_LAYOUT_UNIQUE);
 	}
-	random_state = 4;
+	dice.state = 4;
 	for (int i = 0; i < 30; i++) {
 		struct camera near_camera = random_camera(&stages[0].scene, 14.0);
 		struct camera far_camera;
@@ -426,7 +419,7 @@ static void a_jump_is_no_worse_than_a_beginning(void **state)
 
 	(void)state;
 	rooms(&model);
-	random_state = 5;
+	dice.state = 5;
 	stage_make(&stage, &model, no_origin, 40, STORE_LAYOUT_UNIQUE);
 	for (int i = 0; i < 20; i++) {
 		struct camera camera = random_camera(&stage.scene, 14.0);

@@ -15,6 +15,7 @@
 #include <cmocka.h>
 
 #include "formats/base/bytes.h"
+#include "formats/base/random.h"
 #include "libclient/select/coverage.h"
 #include "libclient/select/hiding.h"
 #include "libclient/select/raster.h"
@@ -23,26 +24,17 @@
 
 static const uint32_t side[2] = { 150, 100 };
 static const struct store_superblock plain = { .step_exponent = -10 };
-static uint64_t random_state;
-
-static double random_unit(void)
-{
-	/* SplitMix64 */
-	uint64_t z = random_state += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
-	return (double)((z ^ z >> 31) >> 11) * 0x1p-53;
-}
+static struct random dice;
 
 static struct camera_view random_view(void)
 {
-	struct camera camera = { .up = { 0, 0, 1 }, .fov_y_degrees = 20.0 + 90.0 * random_unit() };
+	struct camera camera = { .up = { 0, 0, 1 },
+				 .fov_y_degrees = 20.0 + 90.0 * random_unit(&dice) };
 	struct camera_view view;
 
 	for (int k = 0; k < 3; k++) {
-		camera.eye[k] = 8.0 * random_unit() - 4.0;
-		camera.at[k] = camera.eye[k] + random_unit() - 0.5;
+		camera.eye[k] = 8.0 * random_unit(&dice) - 4.0;
+		camera.at[k] = camera.eye[k] + random_unit(&dice) - 0.5;
 	}
 	assert_int_equal(camera_view_init(&view, &camera, &plain, 1.5, 0.01), 0);
 	return view;
@@ -93,7 +85,8 @@ static void draw_random_triangles(struct raster *raster, const struct camera_vie
 		for (uint32_t c = 0; c < 3; c++)
 			for (uint32_t k = 0; k < 3; k++)
 				positions[i][c][k] =
-					(float)rint(1024 * (12.0 * random_unit() - 6.0)) / 1024.0f;
+					(float)rint(1024 * (12.0 * random_unit(&dice) - 6.0)) /
+					1024.0f;
 	for (uint32_t i = 0; i < 120; i++)
 		indices[i] = i;
 	camera_node_offset(view, (const double[]){ 0, 0, 0 }, draw.offset);
@@ -104,9 +97,9 @@ static void draw_random_triangles(struct raster *raster, const struct camera_vie
 static void random_box(float box_min[3], float box_max[3])
 {
 	for (int k = 0; k < 3; k++) {
-		double middle = 12.0 * random_unit() - 6.0;
+		double middle = 12.0 * random_unit(&dice) - 6.0;
 		/* Often flat, sometimes a point. */
-		double half = fmax(0.0, 3.0 * random_unit() * random_unit() - 0.3);
+		double half = fmax(0.0, 3.0 * random_unit(&dice) * random_unit(&dice) - 0.3);
 
 		box_min[k] = (float)(middle - half);
 		box_max[k] = (float)(middle + half);
@@ -120,7 +113,7 @@ static void a_box_with_a_sample_in_front_is_never_hidden(void **state)
 	unsigned hidden = 0;
 
 	(void)state;
-	random_state = 1;
+	dice.state = 1;
 	assert_int_equal(raster_create(side[0], side[1], &raster), 0);
 	assert_int_equal(raster_keep_farthest(raster), 0);
 	for (int frame = 0; frame < 60; frame++) {
@@ -144,9 +137,9 @@ static void a_box_with_a_sample_in_front_is_never_hidden(void **state)
 				double depth;
 
 				for (int k = 0; k < 3; k++)
-					point[k] =
-						box_min[k] +
-						random_unit() * ((double)box_max[k] - box_min[k]);
+					point[k] = box_min[k] +
+						   random_unit(&dice) *
+							   ((double)box_max[k] - box_min[k]);
 				depth = project(&view, point, at);
 				if (depth >= (double)raster_depths(raster)[at[1] * side[0] + at[0]])
 					assert_true(shows || depth < 0.0);
@@ -207,13 +200,13 @@ static void a_direction_weighs_the_nearest_axes_and_their_weights_add_up(void **
 	struct hiding_direction direction;
 
 	(void)state;
-	random_state = 2;
+	dice.state = 2;
 	hiding_direction_set(&direction, axis);
 	assert_int_equal(direction.axis[0], 3);
 	assert_true(fabsf(direction.weight[0] - 1.0f) < 1e-5f);
 	for (int i = 0; i < 1000; i++) {
-		const double v[3] = { random_unit() - 0.5, random_unit() - 0.5,
-				      random_unit() - 0.5 };
+		const double v[3] = { random_unit(&dice) - 0.5, random_unit(&dice) - 0.5,
+				      random_unit(&dice) - 0.5 };
 		const double opposite[3] = { -v[0], -v[1], -v[2] };
 		struct hiding_direction other;
 		float sum = 0.0f;

@@ -17,6 +17,7 @@
 #include <cmocka.h>
 
 #include "formats/base/bytes.h"
+#include "formats/base/random.h"
 #include "tests/helper.h"
 #include "viewer/pace.h"
 
@@ -33,18 +34,8 @@ struct plant {
 	double weight;   /* of the scene's triangles */
 	double noise;    /* +- this share of a frame's time */
 	double triangles_max;
-	uint64_t random;
+	struct random random;
 };
-
-static double random_unit(uint64_t *state)
-{
-	/* SplitMix64 */
-	uint64_t z = *state += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
-	return (double)((z ^ z >> 31) >> 11) * 0x1p-53;
-}
 
 /* Draws a frame, tells it, and says how long it took. */
 static double draw(struct plant *plant, struct pace *pace)
@@ -60,7 +51,9 @@ static double draw(struct plant *plant, struct pace *pace)
 
 static struct plant plant_make(void)
 {
-	return (struct plant){ .slowness = 1.0, .weight = 1.0, .triangles_max = 1e12, .random = 1 };
+	return (struct plant){
+		.slowness = 1.0, .weight = 1.0, .triangles_max = 1e12, .random = { 1 }
+	};
 }
 
 /* The frame after which all are within a share of the aim, of so many frames. */
@@ -188,7 +181,7 @@ static void pace_is_not_moved_by_noise(void **state)
 		double ideal;
 
 		plant.noise = 0.2;
-		plant.random = seed;
+		plant.random.state = seed;
 		pace_init(&pace, &model, FPS, PIXELS);
 		ideal = (double)pace.budget_triangles;
 		for (unsigned frame = 0; frame < frame_count; frame++) {
@@ -211,7 +204,7 @@ static void pace_settles_in_noise(void **state)
 		double ideal;
 
 		plant.noise = 0.2;
-		plant.random = seed;
+		plant.random.state = seed;
 		pace_init(&pace, &model, FPS, PIXELS);
 		ideal = (double)pace.budget_triangles / 3.0;
 		plant.weight = 3.0;

@@ -16,6 +16,7 @@
 #include <cmocka.h>
 
 #include "formats/base/bytes.h"
+#include "formats/base/random.h"
 #include "libclient/select/raster.h"
 #include "tests/helper.h"
 
@@ -25,17 +26,7 @@
 static const struct store_superblock plain = { .step_exponent = -10 };
 static const double no_origin[3];
 
-static uint64_t random_state;
-
-static double random_unit(void)
-{
-	/* SplitMix64 */
-	uint64_t z = random_state += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
-	return (double)((z ^ z >> 31) >> 11) * 0x1p-53;
-}
+static struct random dice;
 
 static struct raster *raster_new(uint32_t width, uint32_t height)
 {
@@ -152,7 +143,7 @@ static void a_closed_mesh_has_no_gap_and_no_overlap(void **state)
 		uint8_t coverage[SIDE * SIDE];
 		uint32_t count = 0;
 
-		random_state = kind;
+		dice.state = kind;
 		for (int y = 0; y <= CELLS; y++)
 			for (int x = 0; x <= CELLS; x++) {
 				bool inside = x > 0 && x < CELLS && y > 0 && y < CELLS;
@@ -160,8 +151,8 @@ static void a_closed_mesh_has_no_gap_and_no_overlap(void **state)
 				for (int k = 0; k < 2; k++) {
 					/* Borders well outside; inside on centres, on 1/256, or anywhere. */
 					double at = (k ? y : x) * 6.0 - 4.0;
-					double moved =
-						at + (inside ? 4.0 * random_unit() - 2.0 : 0.0);
+					double moved = at + (inside ? 4.0 * random_unit(&dice) - 2.0
+								    : 0.0);
 
 					grid[y][x][k] = kind == 0 ? (float)(floor(moved) + 0.5)
 							: kind == 1
@@ -246,15 +237,15 @@ static void soup_make(struct soup *soup, uint64_t seed, uint32_t triangle_count,
 	soup->positions = malloc(9 * triangle_count * sizeof(*soup->positions));
 	soup->indices = malloc(3 * triangle_count * sizeof(*soup->indices));
 	assert_true(soup->positions && soup->indices);
-	random_state = seed;
+	dice.state = seed;
 	for (uint32_t i = 0; i < triangle_count; i++) {
 		double centre[3];
 
 		for (int k = 0; k < 3; k++)
-			centre[k] = 10.0 * random_unit() - 5.0;
+			centre[k] = 10.0 * random_unit(&dice) - 5.0;
 		for (uint32_t c = 0; c < 9; c++)
 			soup->positions[9 * i + c] = (float)rint(
-				(centre[c % 3] + size * (random_unit() - 0.5)) / (double)STEP);
+				(centre[c % 3] + size * (random_unit(&dice) - 0.5)) / (double)STEP);
 	}
 	for (uint32_t i = 0; i < 3 * triangle_count; i++)
 		soup->indices[i] = i;
@@ -379,8 +370,8 @@ static void every_pixel_shows_what_its_ray_hits_or_is_a_subpixel_from_it(void **
 		/* Small ones from outside; large ones around the eye, cut by near and side planes. */
 		soup_make(&soup, seed, seed % 2 ? 150 : 40, seed % 2 ? 2.0 : 12.0);
 		for (int k = 0; k < 3; k++) {
-			camera.eye[k] = (seed % 2 ? 16.0 : 4.0) * (random_unit() - 0.5);
-			camera.at[k] = 2.0 * random_unit();
+			camera.eye[k] = (seed % 2 ? 16.0 : 4.0) * (random_unit(&dice) - 0.5);
+			camera.at[k] = 2.0 * random_unit(&dice);
 		}
 		assert_int_equal(camera_view_init(&view, &camera, &plain, 1.0, 0.25), 0);
 		compare_with_rays(&view, &soup, &different, &covered);
@@ -399,13 +390,13 @@ static void sliver_make(const struct camera_view *view, double pixels, float pos
 	for (int side = 0; side < 2; side++)
 		for (int k = 0; k < 3; k++)
 			ray[side][k] = view->forward[k] +
-				       view->right[k] * 0.9 * (2.0 * random_unit() - 1.0) +
-				       view->up[k] * 0.9 * (2.0 * random_unit() - 1.0);
+				       view->right[k] * 0.9 * (2.0 * random_unit(&dice) - 1.0) +
+				       view->up[k] * 0.9 * (2.0 * random_unit(&dice) - 1.0);
 	*ret_nearest = 0.0f;
 	for (int c = 0; c < 3; c++) {
-		double along = random_unit();
-		double aside = pixels * (random_unit() - 0.5) * 2.0 / SIDE;
-		double distance = 2.0 + 20.0 * random_unit();
+		double along = random_unit(&dice);
+		double aside = pixels * (random_unit(&dice) - 0.5) * 2.0 / SIDE;
+		double distance = 2.0 + 20.0 * random_unit(&dice);
 		double w = 0.0;
 
 		for (int k = 0; k < 3; k++) {
@@ -427,7 +418,7 @@ static void a_triangle_seen_edge_on_is_nowhere_nearer_than_its_nearest_corner(vo
 	uint32_t covered = 0;
 
 	(void)state;
-	random_state = 5;
+	dice.state = 5;
 	for (unsigned turn = 0; turn < 4000; turn++) {
 		uint32_t indices[] = { 0, 1, 2 };
 		float positions[9];
@@ -463,14 +454,15 @@ static void a_scene_moved_far_from_the_origin_gives_the_same_picture(void **stat
 				double origin[3] = { 0, 0, 0 };
 				struct camera_view view;
 
-				random_state = (uint64_t)view_number;
+				dice.state = (uint64_t)view_number;
 				for (int k = 0; k < 3; k++) {
 					/* Either the store stands there, or the payload in the store. */
 					(kind == 0 ? superblock.origin : origin)[k] = shift;
 					camera.eye[k] =
-						shift + rint(2048 * (random_unit() - 0.5)) / 128;
-					camera.at[k] =
-						shift + rint(256 * (random_unit() - 0.5)) / 128;
+						shift +
+						rint(2048 * (random_unit(&dice) - 0.5)) / 128;
+					camera.at[k] = shift +
+						       rint(256 * (random_unit(&dice) - 0.5)) / 128;
 				}
 				assert_int_equal(
 					camera_view_init(&view, &camera, &superblock, 1.0, 0.1), 0);
@@ -504,10 +496,10 @@ static void a_vertex_lands_on_the_same_bits_from_any_payload(void **state)
 		struct camera camera = { .up = { 0, 0, 1 }, .fov_y_degrees = 60 };
 		struct camera_view view;
 
-		random_state = seed;
+		dice.state = seed;
 		for (int k = 0; k < 3; k++) {
-			camera.eye[k] = 16.0 * (random_unit() - 0.5);
-			camera.at[k] = 2.0 * random_unit();
+			camera.eye[k] = 16.0 * (random_unit(&dice) - 0.5);
+			camera.at[k] = 2.0 * random_unit(&dice);
 		}
 		assert_int_equal(camera_view_init(&view, &camera, &plain, 1.0, 0.1), 0);
 		raster_clear(one);
@@ -523,7 +515,7 @@ static void a_vertex_lands_on_the_same_bits_from_any_payload(void **state)
 			float moved[9];
 
 			for (int k = 0; k < 3; k++)
-				origin[k] = rint(20.0 * (random_unit() - 0.5) / (double)STEP) *
+				origin[k] = rint(20.0 * (random_unit(&dice) - 0.5) / (double)STEP) *
 					    (double)STEP;
 			for (int c = 0; c < 9; c++)
 				moved[c] = soup.positions[9 * i + (uint32_t)c] -

@@ -14,20 +14,11 @@
 #include <cmocka.h>
 
 #include "formats/base/bytes.h"
+#include "formats/base/random.h"
 #include "libclient/select/select.h"
 #include "tests/helper.h"
 
-static uint64_t random_state;
-
-static double random_unit(void)
-{
-	/* SplitMix64 */
-	uint64_t z = random_state += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
-	return (double)((z ^ z >> 31) >> 11) * 0x1p-53;
-}
+static struct random dice;
 
 /* ---- a hierarchy of points ---- */
 
@@ -181,17 +172,17 @@ static void tree_random(struct tree *tree, uint64_t seed, uint32_t point_count,
 	double(*points)[3] = malloc(point_count * sizeof(*points));
 
 	assert_non_null(points);
-	random_state = seed;
+	dice.state = seed;
 	for (uint32_t i = 0; i < point_count; i++) {
-		unsigned wall = (unsigned)(4.0 * random_unit());
+		unsigned wall = (unsigned)(4.0 * random_unit(&dice));
 
 		for (unsigned k = 0; k < 3; k++) {
 			double low = wall == 3 ? 5.0 : -20.0;
 			double size = wall == 3 ? 2.0 : 40.0;
 
-			points[i][k] = low + size * random_unit();
+			points[i][k] = low + size * random_unit(&dice);
 			if (k == wall)
-				points[i][k] = -20.0 + 10.0 * floor(5.0 * random_unit());
+				points[i][k] = -20.0 + 10.0 * floor(5.0 * random_unit(&dice));
 		}
 	}
 	tree_make(tree, points, point_count, leaf_points, poke, false);
@@ -199,12 +190,13 @@ static void tree_random(struct tree *tree, uint64_t seed, uint32_t point_count,
 
 static struct camera_view random_view(const struct tree *tree, double reach)
 {
-	struct camera camera = { .up = { 0, 0, 1 }, .fov_y_degrees = 20.0 + 80.0 * random_unit() };
+	struct camera camera = { .up = { 0, 0, 1 },
+				 .fov_y_degrees = 20.0 + 80.0 * random_unit(&dice) };
 	struct camera_view view;
 
 	for (int k = 0; k < 3; k++) {
-		camera.eye[k] = reach * (2.0 * random_unit() - 1.0);
-		camera.at[k] = camera.eye[k] + random_unit() - 0.5;
+		camera.eye[k] = reach * (2.0 * random_unit(&dice) - 1.0);
+		camera.at[k] = camera.eye[k] + random_unit(&dice) - 0.5;
 	}
 	assert_int_equal(camera_view_init(&view, &camera, &tree->superblock, 1.3, 0.05), 0);
 	return view;
@@ -412,7 +404,7 @@ static void every_order_with_a_budget_is_the_beginning_of_the_whole(void **state
 	assert_non_null(whole);
 	for (int i = 0; i < 60; i++) {
 		struct camera_view view = random_view(&tree, 50.0);
-		uint64_t budget = 1 + (uint64_t)(4000.0 * random_unit() * random_unit());
+		uint64_t budget = 1 + (uint64_t)(4000.0 * random_unit(&dice) * random_unit(&dice));
 		struct selection selection;
 		uint64_t whole_triangles;
 		size_t whole_count;
@@ -665,11 +657,11 @@ static void records_left_out_between_levels_change_nothing(void **state)
 
 			/* Lumps far apart: long chains. */
 			assert_non_null(points);
-			random_state = seed;
+			dice.state = seed;
 			for (int p = 0; p < 600; p++)
 				for (int k = 0; k < 3; k++)
 					points[p][k] = -30.0 + 58.0 * (p % 5 * (k + 1) % 5) / 4.0 +
-						       random_unit();
+						       random_unit(&dice);
 			tree_make(&trees[i], points, 600, 8, 0.25, i == 1);
 			assert_int_equal(selector_create(&trees[i].superblock, trees[i].nodes,
 							 &selectors[i]),
@@ -845,12 +837,13 @@ static void a_model_moved_far_from_the_origin_gives_the_same_selection(void **st
 			struct camera_view view;
 			struct selection selection;
 
-			random_state = (uint64_t)i;
+			dice.state = (uint64_t)i;
 			for (int k = 0; k < 3; k++) {
 				/* Eyes that a double holds exactly at any shift. */
 				tree.superblock.origin[k] = shift;
-				camera.eye[k] = shift + rint(4096 * (random_unit() - 0.5)) / 64;
-				camera.at[k] = shift + rint(4096 * (random_unit() - 0.5)) / 64;
+				camera.eye[k] =
+					shift + rint(4096 * (random_unit(&dice) - 0.5)) / 64;
+				camera.at[k] = shift + rint(4096 * (random_unit(&dice) - 0.5)) / 64;
 			}
 			assert_int_equal(
 				camera_view_init(&view, &camera, &tree.superblock, 1.0, 0.1), 0);

@@ -16,6 +16,7 @@
 #include <cmocka.h>
 
 #include "formats/base/bytes.h"
+#include "formats/base/random.h"
 #include "libclient/select/select.h"
 #include "tests/helper.h"
 #include "tests/helper_scene.h"
@@ -24,17 +25,7 @@
 #define HEIGHT 120u
 
 static const double no_origin[3];
-static uint64_t random_state;
-
-static double random_unit(void)
-{
-	/* SplitMix64 */
-	uint64_t z = random_state += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
-	return (double)((z ^ z >> 31) >> 11) * 0x1p-53;
-}
+static struct random dice;
 
 struct stage {
 	struct scene scene;
@@ -129,10 +120,10 @@ static struct camera camera_inside(double reach)
 	struct camera camera = { .up = { 0, 0, 1 }, .fov_y_degrees = 60 };
 
 	for (int k = 0; k < 2; k++)
-		camera.eye[k] = reach * (2.0 * random_unit() - 1.0);
+		camera.eye[k] = reach * (2.0 * random_unit(&dice) - 1.0);
 	camera.eye[2] = 1.6;
 	for (int k = 0; k < 3; k++)
-		camera.at[k] = camera.eye[k] + (k < 2 ? random_unit() - 0.5 : 0.0);
+		camera.at[k] = camera.eye[k] + (k < 2 ? random_unit(&dice) - 0.5 : 0.0);
 	return camera;
 }
 
@@ -156,7 +147,7 @@ static void rooms_from_inside_are_right_at_twice_what_shows(void **state)
 	(void)state;
 	rooms(&model, 4);
 	stage_make(&stage, &model, 40);
-	random_state = 1;
+	dice.state = 1;
 	for (int i = 0; i < 41; i++) {
 		struct camera camera = camera_inside(14.0);
 		struct camera_view view = stage_look(&stage, &camera);
@@ -207,12 +198,12 @@ static void a_sparse_soup_is_as_wrong_as_what_is_left_out(void **state)
 	struct stage stage;
 
 	(void)state;
-	random_state = 2;
+	dice.state = 2;
 	for (int i = 0; i < 4000; i++) {
 		double at[3];
 
 		for (int k = 0; k < 3; k++)
-			at[k] = 16.0 * random_unit() - 8.0;
+			at[k] = 16.0 * random_unit(&dice) - 8.0;
 		scene_triangle(&model, at, (double[]){ at[0] + 0.2, at[1], at[2] },
 			       (double[]){ at[0], at[1] + 0.1, at[2] + 0.2 });
 	}
@@ -276,7 +267,7 @@ static void a_trembling_camera_changes_few_nodes(void **state)
 		size_t changed = 0;
 		size_t total = 0;
 
-		random_state = 3;
+		dice.state = 3;
 		memset(seen, 0, stage.scene.superblock.node_count * sizeof(*seen));
 		for (uint32_t frame = 1; frame <= 50; frame++) {
 			struct camera camera = { .eye = { 1, -13, 1.6 },
@@ -285,9 +276,9 @@ static void a_trembling_camera_changes_few_nodes(void **state)
 			struct selection selection;
 			struct camera_view view;
 
-			camera.at[0] = camera.eye[0] + 1e-4 * (random_unit() - 0.5);
+			camera.at[0] = camera.eye[0] + 1e-4 * (random_unit(&dice) - 0.5);
 			camera.at[1] = camera.eye[1] + 1.0;
-			camera.at[2] = camera.eye[2] + 1e-4 * (random_unit() - 0.5);
+			camera.at[2] = camera.eye[2] + 1e-4 * (random_unit(&dice) - 0.5);
 			assert_int_equal(camera_view_init(&view, &camera, &stage.scene.superblock,
 							  (double)WIDTH / HEIGHT, 0.02),
 					 0);

@@ -13,6 +13,7 @@
 
 #include <cmocka.h>
 
+#include "formats/base/random.h"
 #include "formats/store/payload.h"
 #include "libclient/select/tight_boxes.h"
 #include "tests/helper.h"
@@ -24,16 +25,6 @@
 static uint16_t positions[VERTEX_COUNT][4];
 static uint32_t indices[VERTEX_COUNT];
 static const double origin[3] = { -100.25, 7.5, 1e4 };
-
-static uint32_t random_below(uint64_t *state, uint32_t end)
-{
-	/* SplitMix64 */
-	uint64_t z = *state += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
-	return (uint32_t)(((z ^ z >> 31) >> 32) * end >> 32);
-}
 
 /* The positions as a payload. */
 static void *make_payload(void)
@@ -67,14 +58,16 @@ static void *make_payload(void)
 /* Triangles near the faces of a box, as of a room: its middle is air, but for a few. */
 static void make_room(uint64_t seed)
 {
+	struct random random = { seed };
+
 	for (uint32_t v = 0; v < VERTEX_COUNT; v++) {
 		uint32_t triangle = v / 3;
 
 		for (uint32_t k = 0; k < 3; k++)
-			positions[v][k] = (uint16_t)random_below(&seed, 4000);
+			positions[v][k] = (uint16_t)random_below(&random, 4000);
 		if (triangle % 10 != 0)
 			positions[v][triangle % 3] =
-				(uint16_t)(triangle % 2 * 3900 + random_below(&seed, 100));
+				(uint16_t)(triangle % 2 * 3900 + random_below(&random, 100));
 	}
 }
 

@@ -22,7 +22,7 @@
 #include "formats/base/why.h"
 #include "tools/gen/interrupt.h"
 #include "tools/gen/out_file.h"
-#include "tools/gen/random.h"
+#include "tools/gen/turn.h"
 
 struct vec3 {
 	double x;

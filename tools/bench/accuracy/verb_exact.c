@@ -18,6 +18,7 @@
 
 #include "formats/base/bytes.h"
 #include "formats/base/file.h"
+#include "formats/base/random.h"
 #include "formats/base/text.h"
 #include "formats/store/payload.h"
 #include "formats/store/store_file.h"
@@ -86,28 +87,19 @@ struct exact {
 	char scratch[PATH_MAX];
 	struct raster *of_store, *of_snapped, *of_original;
 	uint64_t *of_viewer; /* items, top row first */
-	uint64_t random;
+	struct random random;
 	/* Results. */
 	uint64_t covered;
 	struct comparison viewer, payloads, original;
 };
-
-static double random_unit(struct exact *exact)
-{
-	/* SplitMix64 */
-	uint64_t z = exact->random += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
-	return (double)((z ^ z >> 31) >> 11) * 0x1p-53;
-}
 
 /* ---- cameras ---- */
 
 static void random_vertex(struct exact *exact, double ret[3])
 {
 	const struct reference *reference = &exact->reference;
-	uint64_t triangle = (uint64_t)(random_unit(exact) * (double)reference->triangle_count);
+	uint64_t triangle =
+		(uint64_t)(random_unit(&exact->random) * (double)reference->triangle_count);
 
 	for (int k = 0; k < 3; k++)
 		ret[k] = reference->corners[triangle][0][k] + reference->superblock.origin[k];
@@ -120,7 +112,7 @@ static void random_direction(struct exact *exact, double ret[3])
 	do {
 		squared = 0.0;
 		for (int k = 0; k < 3; k++) {
-			ret[k] = 2.0 * random_unit(exact) - 1.0;
+			ret[k] = 2.0 * random_unit(&exact->random) - 1.0;
 			squared += ret[k] * ret[k];
 		}
 	} while (squared > 1.0 || squared < 1e-3);
@@ -151,13 +143,13 @@ static void camera_random(struct exact *exact, uint64_t number, struct camera *r
 		distance2 += (camera.eye[k] - camera.at[k]) * (camera.eye[k] - camera.at[k]);
 	}
 	random_direction(exact, direction);
-	reach = sqrt(diagonal2) * pow(10.0, -3.0 + 2.5 * random_unit(exact));
+	reach = sqrt(diagonal2) * pow(10.0, -3.0 + 2.5 * random_unit(&exact->random));
 	if (number % 4 == 0)
-		reach = sqrt(distance2) * (0.6 + 0.8 * random_unit(exact));
+		reach = sqrt(distance2) * (0.6 + 0.8 * random_unit(&exact->random));
 	if (number % 4 == 1)
 		for (int k = 0; k < 3; k++)
 			camera.eye[k] = superblock->origin[k] + superblock->box_min[k] +
-					random_unit(exact) *
+					random_unit(&exact->random) *
 						(superblock->box_max[k] - superblock->box_min[k]);
 	else if (number % 4 != 0)
 		random_vertex(exact, camera.eye);
@@ -169,13 +161,14 @@ static void camera_random(struct exact *exact, uint64_t number, struct camera *r
 		for (int k = 0; k < 3; k++)
 			camera.eye[k] += reach * direction[k];
 	if (number % 4 == 3) {
-		unsigned axis = (unsigned)(3.0 * random_unit(exact));
+		unsigned axis = (unsigned)(3.0 * random_unit(&exact->random));
 
 		memcpy(camera.at, camera.eye, sizeof(camera.at));
-		camera.at[axis] += sqrt(diagonal2) * (random_unit(exact) < 0.5 ? -1.0 : 1.0);
+		camera.at[axis] +=
+			sqrt(diagonal2) * (random_unit(&exact->random) < 0.5 ? -1.0 : 1.0);
 	}
 	if (number % 4 != 0)
-		camera.fov_y_degrees = 30.0 + 80.0 * random_unit(exact);
+		camera.fov_y_degrees = 30.0 + 80.0 * random_unit(&exact->random);
 	*ret = camera;
 }
 
@@ -589,7 +582,7 @@ int verb_exact(int argc, char **argv)
 	options.inputs = operands + 1;
 	while (options.inputs[options.input_count])
 		options.input_count++;
-	exact.random = options.seed;
+	exact.random.state = options.seed;
 
 	r = measure_scratch_make(NULL, exact.scratch, &why);
 	if (r == 0) {

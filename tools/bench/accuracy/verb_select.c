@@ -14,6 +14,7 @@
 
 #include "formats/base/bytes.h"
 #include "formats/base/clock.h"
+#include "formats/base/random.h"
 #include "libclient/select/occlusion.h"
 #include "libclient/select/raster.h"
 #include "libclient/select/select.h"
@@ -96,7 +97,7 @@ struct select_verb {
 	struct raster *full;
 	struct camera *cameras;
 	uint32_t camera_count;
-	uint64_t random;
+	struct random random;
 	uint32_t *pixels; /* a node: those that it wins in this view */
 	uint64_t *items;  /* scratch of triangle_count_shown() */
 	struct order_figures orders[SELECT_ORDER_COUNT_];
@@ -116,16 +117,6 @@ struct select_verb {
 	uint64_t differing;
 };
 
-static double random_unit(struct select_verb *verb)
-{
-	/* SplitMix64 */
-	uint64_t z = verb->random += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
-	return (double)((z ^ z >> 31) >> 11) * 0x1p-53;
-}
-
 /* ---- cameras ---- */
 
 /* A point in the tight box of a random leaf, in the world. */
@@ -135,12 +126,12 @@ static void random_point(struct select_verb *verb, double ret[3])
 	const struct store_node *node;
 
 	do
-		node = &verb->resident.nodes[(uint64_t)(random_unit(verb) *
+		node = &verb->resident.nodes[(uint64_t)(random_unit(&verb->random) *
 							(double)superblock->node_count)];
 	while (node->payload_id == 0);
 	for (int k = 0; k < 3; k++)
 		ret[k] = superblock->origin[k] + node->box_min[k] +
-			 random_unit(verb) * ((double)node->box_max[k] - node->box_min[k]);
+			 random_unit(&verb->random) * ((double)node->box_max[k] - node->box_min[k]);
 }
 
 /*
@@ -160,9 +151,9 @@ static void camera_random(struct select_verb *verb, uint64_t number, struct came
 		reach2 += (camera.eye[k] - camera.at[k]) * (camera.eye[k] - camera.at[k]);
 	random_point(verb, camera.at);
 	if (number % 4 == 0) {
-		double reach = sqrt(reach2) * (0.6 + 0.8 * random_unit(verb));
-		double angle = 2.0 * M_PI * random_unit(verb);
-		double height = 2.0 * random_unit(verb) - 1.0;
+		double reach = sqrt(reach2) * (0.6 + 0.8 * random_unit(&verb->random));
+		double angle = 2.0 * M_PI * random_unit(&verb->random);
+		double height = 2.0 * random_unit(&verb->random) - 1.0;
 
 		camera.eye[0] = camera.at[0] + reach * sqrt(1.0 - height * height) * cos(angle);
 		camera.eye[1] = camera.at[1] + reach * sqrt(1.0 - height * height) * sin(angle);
@@ -170,19 +161,19 @@ static void camera_random(struct select_verb *verb, uint64_t number, struct came
 	} else if (number % 4 == 1) {
 		for (int k = 0; k < 3; k++)
 			camera.eye[k] = superblock->origin[k] + superblock->box_min[k] +
-					random_unit(verb) *
+					random_unit(&verb->random) *
 						(superblock->box_max[k] - superblock->box_min[k]);
 	} else {
 		random_point(verb, camera.eye);
 	}
 	if (number % 4 == 3) {
-		unsigned axis = (unsigned)(3.0 * random_unit(verb));
+		unsigned axis = (unsigned)(3.0 * random_unit(&verb->random));
 
 		memcpy(camera.at, camera.eye, sizeof(camera.at));
-		camera.at[axis] += sqrt(reach2) * (random_unit(verb) < 0.5 ? -1.0 : 1.0);
+		camera.at[axis] += sqrt(reach2) * (random_unit(&verb->random) < 0.5 ? -1.0 : 1.0);
 	}
 	if (number % 4 != 0)
-		camera.fov_y_degrees = 30.0 + 80.0 * random_unit(verb);
+		camera.fov_y_degrees = 30.0 + 80.0 * random_unit(&verb->random);
 	*ret = camera;
 }
 
@@ -595,7 +586,7 @@ int verb_select(int argc, char **argv)
 	if (r != ARGUMENTS_OK)
 		return r;
 	options.store = operands[0];
-	verb.random = options.seed;
+	verb.random.state = options.seed;
 	r = select_run(&verb, &why);
 	if (r == 0)
 		select_report(&verb);

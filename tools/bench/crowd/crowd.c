@@ -16,6 +16,7 @@
 
 #include "formats/base/bytes.h"
 #include "formats/base/clock.h"
+#include "formats/base/random.h"
 #include "formats/store/store_checksum.h"
 #include "formats/store/store_file.h"
 #include "libclient/ooc/client.h"
@@ -45,7 +46,7 @@ struct crowd {
 	pid_t *clients;
 	pid_t prober;
 	struct hostiles *hostiles;
-	uint64_t random;
+	struct random random;
 	struct footprint before; /* nobody connected */
 	/* Of the daemon's life now. */
 	uint64_t life_begin_ns;
@@ -247,7 +248,7 @@ static int await_balance(struct crowd *crowd, struct balance *ret, struct why *w
 static int start_client(struct crowd *crowd, uint64_t slot, struct why *why)
 {
 	crowd->clients[slot] = crowd_client_start(crowd->config, crowd->daemon.socket_path,
-						  crowd->shared, crowd_random(&crowd->random));
+						  crowd->shared, random_next(&crowd->random));
 	return crowd->clients[slot] < 0 ? why_errno(why, crowd->clients[slot], "a client") : 0;
 }
 
@@ -274,20 +275,20 @@ static int start_all(struct crowd *crowd, struct why *why)
 	int r = 0;
 
 	crowd->prober = crowd_prober_start(crowd->config, crowd->daemon.socket_path, crowd->shared,
-					   crowd_random(&crowd->random));
+					   random_next(&crowd->random));
 	if (crowd->prober < 0)
 		return why_errno(why, crowd->prober, "the prober");
 	for (uint64_t i = 0; r == 0 && i < crowd->config->client_count; i++)
 		r = start_client(crowd, i, why);
 	if (r == 0 && crowd->config->hostile)
 		r = hostiles_start(crowd->config->store, crowd->daemon.socket_path,
-				   crowd_random(&crowd->random), &crowd->hostiles, why);
+				   random_next(&crowd->random), &crowd->hostiles, why);
 	return r;
 }
 
 static int kill_one(struct crowd *crowd, struct why *why)
 {
-	uint64_t slot = crowd_random(&crowd->random) % crowd->config->client_count;
+	uint64_t slot = random_next(&crowd->random) % crowd->config->client_count;
 
 	kill_client(&crowd->clients[slot]);
 	crowd->result->kills++;
@@ -375,7 +376,7 @@ static int warm_up(struct crowd *crowd, struct why *why)
 	uint64_t end_ns = clock_now_ns() + SETTLE_NS;
 	struct balance balance;
 	pid_t pid = crowd_client_start(crowd->config, crowd->daemon.socket_path, crowd->shared,
-				       crowd_random(&crowd->random));
+				       random_next(&crowd->random));
 	int r = 0;
 
 	if (pid < 0)
@@ -439,7 +440,7 @@ static int run_in_scratch(struct crowd *crowd, struct why *why)
 
 int crowd_run(const struct crowd_config *config, struct crowd_result *ret, struct why *why)
 {
-	struct crowd crowd = { .config = config, .result = ret, .random = config->seed };
+	struct crowd crowd = { .config = config, .result = ret, .random = { config->seed } };
 	int r = measure_scratch_make(NULL, crowd.scratch, why);
 
 	*ret = (struct crowd_result){ 0 };

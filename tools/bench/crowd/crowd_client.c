@@ -15,6 +15,7 @@
 #include "formats/base/bytes.h"
 #include "formats/base/clock.h"
 #include "formats/base/file.h"
+#include "formats/base/random.h"
 #include "formats/store/store_checksum.h"
 #include "libclient/ooc/client.h"
 #include "libclient/wire.h"
@@ -33,7 +34,7 @@ struct crowd_client {
 	const struct crowd_config *config;
 	struct crowd_shared *shared;
 	const char *socket_path;
-	uint64_t random;
+	struct random random;
 	struct ooc_client *client;
 	struct ooc_store *store;
 	struct ooc_want *wants;
@@ -45,7 +46,7 @@ struct crowd_client {
 
 static uint32_t below(struct crowd_client *self, uint32_t bound)
 {
-	return (uint32_t)(crowd_random(&self->random) % bound);
+	return (uint32_t)(random_next(&self->random) % bound);
 }
 
 static void pause_ns(uint64_t ns)
@@ -330,7 +331,7 @@ static pid_t start(const struct crowd_config *config, const char *socket_path,
 		.config = config,
 		.shared = shared,
 		.socket_path = socket_path,
-		.random = seed,
+		.random = { seed },
 	};
 	pid_t pid = fork();
 

@@ -38,16 +38,6 @@ struct crowd_shared {
 	uint64_t sums[CROWD_NODES_MAX];  /* of the decoded payloads, read from the store itself */
 };
 
-/** splitmix64, Steele, Lea and Flood (2014). */
-static inline uint64_t crowd_random(uint64_t *state)
-{
-	uint64_t z = *state += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
-	return z ^ z >> 31;
-}
-
 /** Starts one.  It runs until it is killed, or its parent dies.  Returns: its pid or -errno. */
 pid_t crowd_client_start(const struct crowd_config *config, const char *socket_path,
 			 struct crowd_shared *shared, uint64_t seed);

@@ -19,6 +19,7 @@
 #include "formats/base/bytes.h"
 #include "formats/base/clock.h"
 #include "formats/base/file.h"
+#include "formats/base/random.h"
 #include "libclient/wire.h"
 #include "tools/bench/crowd/crowd_client.h"
 
@@ -30,7 +31,7 @@
 struct hostile {
 	int store_fd; /* opened before it became nobody */
 	const char *socket_path;
-	uint64_t random;
+	struct random random;
 };
 
 static void breathe(void)
@@ -113,19 +114,19 @@ static void forge(struct hostile *self)
 
 	open_store(self, fd);
 	for (size_t i = 0; i < sizeof(bytes); i += sizeof(uint64_t)) {
-		uint64_t random = crowd_random(&self->random);
+		uint64_t word = random_next(&self->random);
 
-		memcpy(bytes + i, &random, sizeof(random));
+		memcpy(bytes + i, &word, sizeof(word));
 	}
-	if (crowd_random(&self->random) % 2) {
+	if (random_next(&self->random) % 2) {
 		(void)wire_send(fd, bytes, sizeof(bytes), NULL, 0);
 		return;
 	}
-	set->serial = 1 + crowd_random(&self->random) % 1000;
+	set->serial = 1 + random_next(&self->random) % 1000;
 	set->flags = WIRE_SET_FIRST | WIRE_SET_LAST;
 	set->entry_count = FORGED_NODES;
 	for (uint32_t i = 0; i < FORGED_NODES; i++) {
-		set->entries[i].store = crowd_random(&self->random) % 3;
+		set->entries[i].store = random_next(&self->random) % 3;
 		set->entries[i].importance = 1.0f;
 	}
 	wire_header_init(&set->header, WIRE_SET,
@@ -184,7 +185,7 @@ int hostiles_start(const char *store, const char *socket_path, uint64_t seed, st
 				    : why_set(why, -ENOMEM, "out of memory");
 	}
 	for (size_t i = 0; i < ARRAY_LENGTH(attacks); i++) {
-		struct hostile self = { store_fd, socket_path, crowd_random(&seed) };
+		struct hostile self = { store_fd, socket_path, random_stream(seed, i) };
 
 		hostiles->pids[i] = fork();
 		if (hostiles->pids[i] == 0)

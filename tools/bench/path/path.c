@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "formats/base/bytes.h"
+#include "formats/base/random.h"
 #include "formats/store/store_file.h"
 #include "tools/bench/path/occupancy.h"
 #include "tools/bench/path/walk.h"
@@ -202,23 +203,14 @@ static int walk_path(const struct store_file *store, size_t frame_count, uint64_
 
 /* ---- walks cut up ---- */
 
-/* splitmix64, Steele, Lea and Flood (2014). */
-static uint64_t random_next(uint64_t *state)
-{
-	uint64_t z = *state += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
-	return z ^ z >> 31;
-}
-
 static void teleport(struct path *path, const struct camera *walk, uint64_t seed)
 {
 	size_t piece_count = path->camera_count / TELEPORT_FRAMES;
+	struct random random = { seed };
 
 	memcpy(path->cameras, walk, path->camera_count * sizeof(*walk));
 	for (size_t i = piece_count; i > 1; i--) {
-		size_t j = random_next(&seed) % i;
+		size_t j = random_next(&random) % i;
 
 		for (size_t k = 0; k < TELEPORT_FRAMES; k++) {
 			struct camera *a = &path->cameras[(i - 1) * TELEPORT_FRAMES + k];

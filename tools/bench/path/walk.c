@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "formats/base/bytes.h"
+#include "formats/base/random.h"
 #include "tools/bench/base/measure.h"
 
 /* A person in a storey of 3.8 m, free height: shares of the storey. */
@@ -58,18 +59,8 @@ struct ground {
 	uint32_t *first_of_column; /* columns and one */
 	uint32_t component;        /* the one to walk in */
 	bool has_roof;             /* most of it is under something */
-	uint64_t random;
+	struct random random;
 };
-
-static uint64_t random_bits(struct ground *ground)
-{
-	/* SplitMix64 */
-	uint64_t z = ground->random += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
-	return z ^ z >> 31;
-}
 
 /* ---- the walker's size ---- */
 
@@ -184,7 +175,7 @@ static double rooms_quantile(const struct rooms *rooms, const struct occupancy *
 static void site_choose(const struct occupancy *coarse, const struct rooms *rooms, double storey,
 			uint64_t seed, struct walk_site *ret)
 {
-	struct ground lottery = { .random = seed };
+	struct random lottery = { seed };
 	struct occupancy_region *region = &ret->region;
 	double voxels = 1.0;
 
@@ -202,7 +193,7 @@ static void site_choose(const struct occupancy *coarse, const struct rooms *room
 		/* A share of the middle axis; the height is kept, for stairs. */
 		double extent = region->high[i] - region->low[i];
 		double kept = extent * sqrt((double)OCCUPANCY_VOXELS_MAX / voxels) * 0.98;
-		double share = (double)(random_bits(&lottery) >> 11) * 0x1p-53;
+		double share = random_unit(&lottery);
 		double middle =
 			coarse->corner[i] + rooms_quantile(rooms, coarse, i, share) * coarse->voxel;
 		double low =
@@ -563,7 +554,7 @@ static uint32_t stand_random(struct ground *ground)
 	unsigned found_count = 0;
 
 	for (unsigned i = 0; i < ROOFED_TRIES && found_count < DETAIL_CHOICES; i++) {
-		uint32_t index = (uint32_t)(random_bits(ground) % ground->stand_count);
+		uint32_t index = (uint32_t)(random_next(&ground->random) % ground->stand_count);
 		const struct stand *stand = &ground->stands[index];
 		uint64_t detail;
 
@@ -739,7 +730,7 @@ int walk_make(const struct occupancy *fine, double storey, uint64_t seed, size_t
 	struct walk walk = { .storey = storey / fine->voxel };
 	struct ground ground = { .occupancy = fine,
 				 .walker = walker_of_storey(walk.storey),
-				 .random = seed };
+				 .random = { seed } };
 	struct way way = { 0 };
 	double length;
 	int r;

@@ -1,21 +1,19 @@
 /* SPDX-License-Identifier: MIT */
 /**
- * random.h - random numbers and angles that are the same on every machine.
- *
- * Nothing here calls the C library's sin() or cos(), whose last bit differs between releases.
+ * random.h - numbers at random that are the same on every machine for the same seed.  Not for secrets.
  *
  * Threads: any; a struct random belongs to one caller.
  * Source: the generator is SplitMix64 (Steele, Lea & Flood, "Fast splittable pseudorandom number
  * generators", 2014).
  */
-#ifndef TOOLS_GEN_RANDOM_H
-#define TOOLS_GEN_RANDOM_H
+#ifndef FORMATS_BASE_RANDOM_H
+#define FORMATS_BASE_RANDOM_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
 struct random {
-	uint64_t state;
+	uint64_t state; /* at the beginning the seed: any number */
 };
 
 static inline uint64_t random_next(struct random *random)
@@ -37,36 +35,27 @@ static inline struct random random_stream(uint64_t seed, uint64_t number)
 	return random;
 }
 
+/** In [0, 1). */
+static inline double random_unit(struct random *random)
+{
+	return (double)(random_next(random) >> 11) * 0x1p-53;
+}
+
 /** In [low, high). */
 static inline double random_between(struct random *random, double low, double high)
 {
-	return low + (high - low) * ((double)(random_next(random) >> 11) * 0x1p-53);
+	return low + (high - low) * random_unit(random);
 }
 
 /** In [0, count); count > 0. */
-static inline unsigned random_below(struct random *random, unsigned count)
+static inline uint32_t random_below(struct random *random, uint32_t count)
 {
-	return (unsigned)(((random_next(random) >> 32) * count) >> 32);
+	return (uint32_t)(((random_next(random) >> 32) * count) >> 32);
 }
 
 static inline bool random_chance(struct random *random, double probability)
 {
-	return random_between(random, 0, 1) < probability;
+	return random_unit(random) < probability;
 }
 
-/** Cosine and sine of an angle. */
-struct turn {
-	double cosine;
-	double sine;
-};
-
-/** Of numerator / denominator of a full turn; numerator < denominator <= 2^32. */
-struct turn turn_of(uint64_t numerator, uint64_t denominator);
-
-/** Of a random angle. */
-static inline struct turn turn_random(struct random *random)
-{
-	return turn_of(random_next(random) >> 32, UINT64_C(1) << 32);
-}
-
-#endif /* TOOLS_GEN_RANDOM_H */
+#endif /* FORMATS_BASE_RANDOM_H */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "tools/gen/random.h"
+#include "tools/gen/turn.h"
 
 #include "formats/base/check.h"
 
