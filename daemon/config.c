@@ -336,19 +336,6 @@ static const struct key *key_find(const struct key *keys, size_t count, const ch
 
 /* ---- lines of a file ---- */
 
-/* Without the blanks around it. */
-static char *trim(char *text)
-{
-	size_t length;
-
-	while (isspace((unsigned char)*text))
-		text++;
-	length = strlen(text);
-	while (length > 0 && isspace((unsigned char)text[length - 1]))
-		text[--length] = '\0';
-	return text;
-}
-
 static int find_uid(const char *name, uid_t *ret, struct why *why)
 {
 	const struct passwd *user;
@@ -403,11 +390,11 @@ static int take_section(struct reader *reader, char *line, struct why *why)
 	if (!end || end[1] != '\0')
 		return why_set(why, -EINVAL, "%s: not a section, as [user NAME]", line);
 	*end = '\0';
-	kind = trim(kind);
+	kind = text_trim(kind);
 	if (strncmp(kind, "user", 4) != 0 || !isspace((unsigned char)kind[4]))
 		return why_set(why, -EINVAL, "[%s]: not a section that there is: [user NAME]",
 			       kind);
-	name = trim(kind + 4);
+	name = text_trim(kind + 4);
 	return begin_user(reader, name, why);
 }
 
@@ -438,8 +425,8 @@ static int take_pair(struct reader *reader, char *line, struct why *why)
 	if (!equals)
 		return why_set(why, -EINVAL, "%s: not of the form key = value", line);
 	*equals = '\0';
-	line = trim(line);
-	value = trim(equals + 1);
+	line = text_trim(line);
+	value = text_trim(equals + 1);
 	key = key_find(keys, count, line);
 	if (!key)
 		return refuse_key(keys, count, line, in_user, why);
@@ -461,7 +448,7 @@ static int take_line(struct reader *reader, char *line, struct why *why)
 {
 	if (strlen(line) >= LINE_BYTES_MAX - 1)
 		return why_set(why, -EINVAL, "longer than %u bytes", LINE_BYTES_MAX - 2);
-	line = trim(line);
+	line = text_trim(line);
 	if (line[0] == '\0' || line[0] == '#')
 		return 0;
 	return line[0] == '[' ? take_section(reader, line, why) : take_pair(reader, line, why);

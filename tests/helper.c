@@ -184,6 +184,21 @@ void test_file_write(const char *path, const void *data, size_t size_bytes)
 		fail_msg("%s: cannot be written", path);
 }
 
+void test_assert_same_files(const char *a, const char *b)
+{
+	size_t bytes_a;
+	size_t bytes_b;
+	uint8_t *data_a = test_file_read(a, &bytes_a);
+	uint8_t *data_b = test_file_read(b, &bytes_b);
+
+	assert_int_equal(bytes_a, bytes_b);
+	for (size_t i = 0; i < bytes_a; i++)
+		if (data_a[i] != data_b[i])
+			fail_msg("%s and %s differ from byte %zu on", a, b, i);
+	free(data_a);
+	free(data_b);
+}
+
 /* ---- processes ---- */
 
 pid_t test_fork(void)

@@ -63,6 +63,9 @@ const char *test_folder_list(const char *folder);
 void *test_file_read(const char *path, size_t *ret_bytes);
 void test_file_write(const char *path, const void *data, size_t size_bytes);
 
+/** Fails unless both files have the same bytes. */
+void test_assert_same_files(const char *a, const char *b);
+
 /* ---- processes ---- */
 
 /**

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "formats/base/check.h"
+#include "libclient/select/vector.h"
 
 /* A level camera keeps so far from looking straight up or down: about a tenth of a degree. */
 #define POLE_RADIANS 0.002
@@ -13,21 +14,9 @@
 
 /* ---- vectors ---- */
 
-static double dot3(const double a[3], const double b[3])
-{
-	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void cross3(const double a[3], const double b[3], double ret[3])
-{
-	ret[0] = a[1] * b[2] - a[2] * b[1];
-	ret[1] = a[2] * b[0] - a[0] * b[2];
-	ret[2] = a[0] * b[1] - a[1] * b[0];
-}
-
 static bool normalise3(double v[3])
 {
-	double length = sqrt(dot3(v, v));
+	double length = sqrt(vector_dot(v, v));
 
 	if (!(length > 1e-12))
 		return false;
@@ -42,19 +31,6 @@ static void subtract3(const double a[3], const double b[3], double ret[3])
 		ret[k] = a[k] - b[k];
 }
 
-/* Turns a vector about a unit axis: Rodrigues' formula. */
-static void rotate3(double v[3], const double axis[3], double radians)
-{
-	double cosine = cos(radians);
-	double sine = sin(radians);
-	double along = dot3(axis, v);
-	double across[3];
-
-	cross3(axis, v, across);
-	for (int k = 0; k < 3; k++)
-		v[k] = cosine * v[k] + sine * across[k] + (1.0 - cosine) * along * axis[k];
-}
-
 /* ---- the camera ---- */
 
 void camera_control_axes(const struct camera *camera, struct camera_axes *ret)
@@ -63,7 +39,7 @@ void camera_control_axes(const struct camera *camera, struct camera_axes *ret)
 
 	subtract3(camera->at, camera->eye, ret->forward);
 	CHECK(normalise3(ret->forward));
-	cross3(ret->forward, camera->up, ret->right);
+	vector_cross(ret->forward, camera->up, ret->right);
 	if (!normalise3(ret->right)) {
 		/* Up lies along the view: any axis that does not will do. */
 		double axis[3] = { 0.0, 0.0, 0.0 };
@@ -73,10 +49,10 @@ void camera_control_axes(const struct camera *camera, struct camera_axes *ret)
 				least = k;
 		}
 		axis[least] = 1.0;
-		cross3(ret->forward, axis, ret->right);
+		vector_cross(ret->forward, axis, ret->right);
 		(void)normalise3(ret->right);
 	}
-	cross3(ret->right, ret->forward, ret->up);
+	vector_cross(ret->right, ret->forward, ret->up);
 }
 
 double camera_control_distance(const struct camera *camera)
@@ -84,7 +60,7 @@ double camera_control_distance(const struct camera *camera)
 	double view[3];
 
 	subtract3(camera->at, camera->eye, view);
-	return sqrt(dot3(view, view));
+	return sqrt(vector_dot(view, view));
 }
 
 static void look(struct camera *camera, const double forward[3], double distance)
@@ -118,13 +94,13 @@ void camera_control_point(const struct camera *camera, double aspect, double x, 
 /* Is the horizon level, and not upside down?  So it is when looking straight up or down, too. */
 static bool is_level(const struct camera_axes *axes, const double up[3])
 {
-	return fabs(dot3(axes->right, up)) < 1e-6 && dot3(axes->up, up) > -1e-6;
+	return fabs(vector_dot(axes->right, up)) < 1e-6 && vector_dot(axes->up, up) > -1e-6;
 }
 
 /* As much of a pitch as keeps a level view off the poles. */
 static double bounded_pitch(const double forward[3], const double up[3], double pitch)
 {
-	double elevation = asin(fmin(fmax(dot3(forward, up), -1.0), 1.0));
+	double elevation = asin(fmin(fmax(vector_dot(forward, up), -1.0), 1.0));
 	double limit = M_PI / 2.0 - POLE_RADIANS;
 
 	return fmin(fmax(elevation + pitch, -limit), limit) - elevation;
@@ -144,12 +120,12 @@ void camera_control_orbit(struct camera *camera, const double up[3], const doubl
 		pitch = bounded_pitch(axes.forward, up, pitch);
 	subtract3(camera->eye, pivot, arm);
 	/* First about the camera's own axis, then about the world's: the order keeps it level. */
-	rotate3(arm, axes.right, pitch);
-	rotate3(axes.forward, axes.right, pitch);
-	rotate3(arm, up, yaw);
-	rotate3(axes.forward, up, yaw);
-	rotate3(axes.up, axes.right, pitch);
-	rotate3(axes.up, up, yaw);
+	vector_turn(arm, axes.right, pitch, arm);
+	vector_turn(axes.forward, axes.right, pitch, axes.forward);
+	vector_turn(arm, up, yaw, arm);
+	vector_turn(axes.forward, up, yaw, axes.forward);
+	vector_turn(axes.up, axes.right, pitch, axes.up);
+	vector_turn(axes.up, up, yaw, axes.up);
 	memcpy(camera->up, level ? up : axes.up, sizeof(camera->up));
 	for (int k = 0; k < 3; k++)
 		camera->eye[k] = pivot[k] + arm[k];
@@ -165,7 +141,7 @@ void camera_control_turn(struct camera *camera, const double up[3], double yaw, 
 
 		camera_control_axes(camera, &axes);
 		memcpy(camera->up, axes.up, sizeof(axes.up));
-		rotate3(camera->up, axes.forward, roll);
+		vector_turn(camera->up, axes.forward, roll, camera->up);
 	}
 }
 
@@ -206,7 +182,7 @@ void camera_control_walk(struct camera *camera, const double up[3], double right
 
 	camera_control_axes(camera, &axes);
 	/* Also when looking straight down. */
-	cross3(up, axes.right, ahead);
+	vector_cross(up, axes.right, ahead);
 	if (!normalise3(ahead))
 		memcpy(ahead, axes.forward, sizeof(ahead));
 	shift(camera, axes.right, right);
@@ -222,7 +198,7 @@ void camera_control_level(struct camera *camera, const double up[3])
 	camera_control_axes(camera, &axes);
 	memcpy(camera->up, up, sizeof(camera->up));
 	/* Also off the poles, where level means nothing. */
-	rotate3(axes.forward, axes.right, bounded_pitch(axes.forward, up, 0.0));
+	vector_turn(axes.forward, axes.right, bounded_pitch(axes.forward, up, 0.0), axes.forward);
 	look(camera, axes.forward, distance);
 }
 
@@ -308,10 +284,10 @@ void camera_control_view_side(struct camera *camera, enum camera_control_side si
 
 		for (unsigned k = 0; k < 3; k++)
 			at[k] = (corner >> k & 1 ? box_max[k] : box_min[k]) - centre[k];
-		depth = dot3(axes.forward, at);
-		distance =
-			fmax(distance, fabs(dot3(axes.right, at)) / (tan_half_y * aspect) - depth);
-		distance = fmax(distance, fabs(dot3(axes.up, at)) / tan_half_y - depth);
+		depth = vector_dot(axes.forward, at);
+		distance = fmax(distance,
+				fabs(vector_dot(axes.right, at)) / (tan_half_y * aspect) - depth);
+		distance = fmax(distance, fabs(vector_dot(axes.up, at)) / tan_half_y - depth);
 	}
 	if (!(distance > 0.0))
 		distance = 1.0;

@@ -7,6 +7,18 @@
 #include <stdlib.h>
 #include <string.h>
 
+char *text_trim(char *text)
+{
+	size_t length;
+
+	while (isspace((unsigned char)*text))
+		text++;
+	length = strlen(text);
+	while (length > 0 && isspace((unsigned char)text[length - 1]))
+		text[--length] = '\0';
+	return text;
+}
+
 int text_to_u64(const char *text, uint64_t *ret)
 {
 	unsigned long long value;

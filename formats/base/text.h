@@ -11,6 +11,9 @@
 #include <stdint.h>
 #include <stdio.h>
 
+/** Cuts blanks and line ends off both ends, in place.  Returns: where it begins then. */
+char *text_trim(char *text);
+
 /**
  * Reads a whole text as a size: digits, then K, M, G or T (powers of 1024) or nothing.
  *

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 #include "libclient/select/camera.h"
 
-#include <ctype.h>
 #include <errno.h>
 #include <float.h>
 #include <math.h>
@@ -11,6 +10,7 @@
 
 #include "formats/base/check.h"
 #include "formats/base/text.h"
+#include "libclient/select/vector.h"
 
 #define CAMERA_NUMBERS         11
 #define CAMERA_FOV_MIN_DEGREES 1.0
@@ -21,18 +21,6 @@
 const char camera_path_header[] = "t,eye_x,eye_y,eye_z,at_x,at_y,at_z,up_x,up_y,up_z,fov_y";
 
 /* ---- vectors ---- */
-
-static double dot3(const double a[3], const double b[3])
-{
-	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void cross3(const double a[3], const double b[3], double ret[3])
-{
-	ret[0] = a[1] * b[2] - a[2] * b[1];
-	ret[1] = a[2] * b[0] - a[0] * b[2];
-	ret[2] = a[0] * b[1] - a[1] * b[0];
-}
 
 /* False, and v unchanged, when it has no direction. */
 static bool normalise3(double v[3])
@@ -46,7 +34,7 @@ static bool normalise3(double v[3])
 		return false;
 	for (int i = 0; i < 3; i++)
 		scaled[i] = v[i] / largest;
-	length = sqrt(dot3(scaled, scaled));
+	length = sqrt(vector_dot(scaled, scaled));
 	for (int i = 0; i < 3; i++)
 		v[i] = scaled[i] / length;
 	return true;
@@ -62,9 +50,9 @@ bool camera_axes(const struct camera *camera, double right[3], double up[3], dou
 	if (!normalise3(forward))
 		return false;
 	if (normalise3(wanted_up)) {
-		cross3(forward, wanted_up, right);
-		if (dot3(right, right) > 1e-20 && normalise3(right)) {
-			cross3(right, forward, up);
+		vector_cross(forward, wanted_up, right);
+		if (vector_dot(right, right) > 1e-20 && normalise3(right)) {
+			vector_cross(right, forward, up);
 			return normalise3(up);
 		}
 	}
@@ -73,9 +61,9 @@ bool camera_axes(const struct camera *camera, double right[3], double up[3], dou
 			least = i;
 	for (int i = 0; i < 3; i++)
 		wanted_up[i] = i == least ? 1.0 : 0.0;
-	cross3(forward, wanted_up, right);
+	vector_cross(forward, wanted_up, right);
 	(void)normalise3(right);
-	cross3(right, forward, up);
+	vector_cross(right, forward, up);
 	return normalise3(up);
 }
 
@@ -121,7 +109,7 @@ static void plane_set(double plane[4], const double eye[3], const double axis[3]
 		plane[i] = axis_sign * axis[i] + tan_half * forward[i];
 	/* axis and forward are orthonormal, so there is always a direction. */
 	(void)normalise3(plane);
-	plane[3] = -dot3(plane, eye);
+	plane[3] = -vector_dot(plane, eye);
 }
 
 int camera_view_init(struct camera_view *ret, const struct camera *camera,
@@ -148,18 +136,18 @@ int camera_view_init(struct camera_view *ret, const struct camera *camera,
 		view.view_projection[1][i] = (float)(view.up[i] / view.tan_half_y);
 		view.view_projection[3][i] = (float)view.forward[i];
 	}
-	view.view_projection[0][3] = (float)(dot3(view.right, from_eye) / view.tan_half_x);
-	view.view_projection[1][3] = (float)(dot3(view.up, from_eye) / view.tan_half_y);
+	view.view_projection[0][3] = (float)(vector_dot(view.right, from_eye) / view.tan_half_x);
+	view.view_projection[1][3] = (float)(vector_dot(view.up, from_eye) / view.tan_half_y);
 	/* Infinite reversed-Z: the depth is near / w. */
 	view.view_projection[2][3] = (float)near;
-	view.view_projection[3][3] = (float)dot3(view.forward, from_eye);
+	view.view_projection[3][3] = (float)vector_dot(view.forward, from_eye);
 
 	plane_set(view.planes[0], view.eye, view.right, view.forward, 1.0, view.tan_half_x);
 	plane_set(view.planes[1], view.eye, view.right, view.forward, -1.0, view.tan_half_x);
 	plane_set(view.planes[2], view.eye, view.up, view.forward, 1.0, view.tan_half_y);
 	plane_set(view.planes[3], view.eye, view.up, view.forward, -1.0, view.tan_half_y);
 	memcpy(view.planes[4], view.forward, sizeof(view.forward));
-	view.planes[4][3] = -dot3(view.forward, view.eye) - near;
+	view.planes[4][3] = -vector_dot(view.forward, view.eye) - near;
 	*ret = view;
 	return 0;
 }
@@ -229,8 +217,8 @@ static void framing_eye(const double half[3], const double *const axes[3], const
 
 			for (unsigned i = 0; i < 3; i++)
 				at[i] = corner >> i & 1 ? half[i] : -half[i];
-			reach = tan_half[side] * dot3(axes[2], at);
-			place = dot3(axes[side], at);
+			reach = tan_half[side] * vector_dot(axes[2], at);
+			place = vector_dot(axes[side], at);
 			most = fmax(most, place - reach);
 			least = fmax(least, -place - reach);
 		}
@@ -308,19 +296,6 @@ static double *camera_number(struct camera *camera, unsigned column)
 	return &camera->fov_y_degrees;
 }
 
-/* Cuts blanks and line ends off both ends, in place. */
-static char *trim(char *text)
-{
-	size_t length;
-
-	while (isspace((unsigned char)*text))
-		text++;
-	length = strlen(text);
-	while (length > 0 && isspace((unsigned char)text[length - 1]))
-		text[--length] = '\0';
-	return text;
-}
-
 int camera_from_row(struct camera *ret, const char *row, struct why *why)
 {
 	char line[CAMERA_LINE_BYTES];
@@ -338,7 +313,7 @@ int camera_from_row(struct camera *ret, const char *row, struct why *why)
 		if (column == CAMERA_NUMBERS)
 			return why_set(why, -EINVAL, "more than %d numbers; the columns are %s",
 				       CAMERA_NUMBERS, camera_path_header);
-		field = trim(field);
+		field = text_trim(field);
 		if (text_to_double(field, camera_number(&camera, column)) < 0)
 			return why_set(why, -EINVAL, "column %u, \"%.40s\", is no finite number",
 				       column + 1, field);
@@ -377,7 +352,7 @@ static int path_line(FILE *file, char line[CAMERA_LINE_BYTES], char **ret, struc
 	if ((length == 0 || line[length - 1] != '\n') && !feof(file))
 		return why_set(why, -EUCLEAN, "the line is longer than %d bytes, or is no text",
 			       CAMERA_LINE_BYTES - 2);
-	*ret = trim(line);
+	*ret = text_trim(line);
 	return 1;
 }
 

@@ -7,34 +7,12 @@
 
 #include "formats/base/bytes.h"
 #include "formats/base/check.h"
+#include "libclient/select/vector.h"
 
 /* After so long without a camera nothing is known of what happened. */
 #define PAUSE_SECONDS 0.5
 /* Nobody goes on turning for ever: predictions stop at a quarter turn. */
 #define TURN_MAX M_PI_2
-
-static double dot(const double a[3], const double b[3])
-{
-	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void cross(const double a[3], const double b[3], double ret[3])
-{
-	ret[0] = a[1] * b[2] - a[2] * b[1];
-	ret[1] = a[2] * b[0] - a[0] * b[2];
-	ret[2] = a[0] * b[1] - a[1] * b[0];
-}
-
-/* v turned about a unit axis (Rodrigues). */
-static void turn_vector(const double v[3], const double axis[3], double angle, double ret[3])
-{
-	double along = dot(axis, v) * (1.0 - cos(angle));
-	double side[3];
-
-	cross(axis, v, side);
-	for (unsigned k = 0; k < 3; k++)
-		ret[k] = v[k] * cos(angle) + side[k] * sin(angle) + axis[k] * along;
-}
 
 /*
  * The turn that takes one camera's axes to another's: axis times angle.  Of the matrix that does it
@@ -57,7 +35,7 @@ static void turn_between(const struct camera *from, const struct camera *to, dou
 	ret[0] = 0.5 * (matrix[2][1] - matrix[1][2]);
 	ret[1] = 0.5 * (matrix[0][2] - matrix[2][0]);
 	ret[2] = 0.5 * (matrix[1][0] - matrix[0][1]);
-	sine = sqrt(dot(ret, ret));
+	sine = sqrt(vector_dot(ret, ret));
 	cosine = 0.5 * (matrix[0][0] + matrix[1][1] + matrix[2][2] - 1.0);
 	/* Half a turn in one frame has no axis here, and is no turning anyway. */
 	for (unsigned k = 0; k < 3 && sine > 0.0; k++)
@@ -116,13 +94,13 @@ void motion_note(struct motion *motion, const struct camera *camera)
 static void travel(const double velocity[3], const double axis[3], double rate, double angle,
 		   double seconds, double ret[3])
 {
-	double along = dot(axis, velocity);
+	double along = vector_dot(axis, velocity);
 	double turning_seconds = rate > 0.0 ? angle / rate : 0.0;
 	double side[3];
 	double end[3];
 
-	cross(axis, velocity, side);
-	turn_vector(velocity, axis, angle, end);
+	vector_cross(axis, velocity, side);
+	vector_turn(velocity, axis, angle, end);
 	for (unsigned k = 0; k < 3; k++) {
 		double straight = along * axis[k];
 		double round = velocity[k] - straight;
@@ -157,15 +135,15 @@ int motion_predict(const struct motion *motion, double seconds, struct camera *r
 		return 0;
 	typical(motion, motion->velocities, velocity);
 	typical(motion, motion->turns, turn);
-	rate = sqrt(dot(turn, turn));
+	rate = sqrt(vector_dot(turn, turn));
 	for (unsigned k = 0; k < 3 && rate > 0.0; k++)
 		axis[k] = turn[k] / rate;
 	angle = fmin(rate * seconds, TURN_MAX);
 	travel(velocity, axis, rate, angle, seconds, moved);
 	for (unsigned k = 0; k < 3; k++)
 		view[k] = newest->at[k] - newest->eye[k];
-	turn_vector(view, axis, angle, turned);
-	turn_vector(newest->up, axis, angle, ret->up);
+	vector_turn(view, axis, angle, turned);
+	vector_turn(newest->up, axis, angle, ret->up);
 	for (unsigned k = 0; k < 3; k++) {
 		ret->eye[k] += moved[k];
 		ret->at[k] = ret->eye[k] + turned[k];

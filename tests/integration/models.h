@@ -44,7 +44,4 @@ void model_store_close(struct model_store *store);
 /** Reads a node's payload; false: it has none. */
 bool model_store_read(struct model_store *store, uint32_t node_index);
 
-/** Fails unless both files have the same bytes. */
-void model_assert_same_files(const char *a, const char *b);
-
 #endif /* TESTS_INTEGRATION_MODELS_H */

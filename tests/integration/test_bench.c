@@ -21,6 +21,7 @@
 #include "formats/store/payload.h"
 #include "formats/store/store_file.h"
 #include "libclient/select/camera.h"
+#include "libclient/select/vector.h"
 #include "tests/helper.h"
 #include "tools/bench/accuracy/explain.h"
 
@@ -206,11 +207,6 @@ static void a_difference_is_explained_by_edges_and_ties_alone(void **state)
 
 /* ---- path ---- */
 
-static double dot(const double a[3], const double b[3])
-{
-	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /* Squared distance from a point to a triangle: to its plane inside, else to its edges. */
 static double distance2(const double p[3], const double v[3][3])
 {
@@ -236,16 +232,17 @@ static double distance2(const double p[3], const double v[3][3])
 		for (int k = 0; k < 3; k++)
 			side[k] = n[(k + 1) % 3] * e[c][(k + 2) % 3] -
 				  n[(k + 2) % 3] * e[c][(k + 1) % 3];
-		inside = inside && dot(side, to) >= 0.0;
-		t = fmin(1.0, fmax(0.0, dot(to, e[c]) / fmax(dot(e[c], e[c]), 1e-30)));
+		inside = inside && vector_dot(side, to) >= 0.0;
+		t = fmin(1.0,
+			 fmax(0.0, vector_dot(to, e[c]) / fmax(vector_dot(e[c], e[c]), 1e-30)));
 		for (int k = 0; k < 3; k++)
 			near2 += (to[k] - t * e[c][k]) * (to[k] - t * e[c][k]);
 		best = fmin(best, near2);
 	}
-	if (inside && dot(n, n) > 0.0) {
+	if (inside && vector_dot(n, n) > 0.0) {
 		double to[3] = { p[0] - v[0][0], p[1] - v[0][1], p[2] - v[0][2] };
 
-		best = fmin(best, dot(to, n) * dot(to, n) / dot(n, n));
+		best = fmin(best, vector_dot(to, n) * vector_dot(to, n) / vector_dot(n, n));
 	}
 	return best;
 }
@@ -326,7 +323,8 @@ static void a_walk_keeps_off_the_walls_at_a_constant_pace(void **state)
 			before[k] = cameras[i - 1].at[k] - cameras[i - 1].eye[k];
 			after[k] = cameras[i].at[k] - cameras[i].eye[k];
 		}
-		assert_true(dot(before, after) / sqrt(dot(before, before) * dot(after, after)) >
+		assert_true(vector_dot(before, after) /
+				    sqrt(vector_dot(before, before) * vector_dot(after, after)) >
 			    cos(8.0 * M_PI / 180.0));
 		if (i > 1)
 			assert_true(sqrt(steps[i]) < 1.02 * sqrt(steps[1]) + 0.01);
@@ -447,7 +445,7 @@ static void an_orbit_keeps_the_model_in_view(void **state)
 
 			for (int j = 0; j < 3; j++)
 				middle[j] = 0.5 * (superblock->box_min[j] + superblock->box_max[j]);
-			assert_true(dot(view.planes[k], middle) + view.planes[k][3] > 0.5);
+			assert_true(vector_dot(view.planes[k], middle) + view.planes[k][3] > 0.5);
 		}
 	}
 	store_close(store);

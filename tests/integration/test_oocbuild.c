@@ -69,8 +69,8 @@ static void the_bytes_depend_on_neither_jobs_nor_memory(void **state)
 			model_build(*state, arguments);
 			assert_true(model_told("buckets") >= 2);
 			if (way > 0)
-				model_assert_same_files(test_path(*state, "first.ooc"),
-							test_path(*state, "other.ooc"));
+				test_assert_same_files(test_path(*state, "first.ooc"),
+						       test_path(*state, "other.ooc"));
 		}
 		verify(*state, "other.ooc");
 	}
@@ -84,7 +84,7 @@ static void scratch_changes_nothing_and_leaves_nothing(void **state)
 	assert_int_equal(model_told("scratch_bytes"), 0);
 	model_build(*state, "-o other.ooc --memory 96M plant.ply");
 	assert_true(model_told("scratch_bytes") > 1e6);
-	model_assert_same_files(test_path(*state, "first.ooc"), test_path(*state, "other.ooc"));
+	test_assert_same_files(test_path(*state, "first.ooc"), test_path(*state, "other.ooc"));
 	assert_string_equal(test_folder_list(*state), "first.ooc other.ooc plant.ply ");
 }
 
@@ -435,7 +435,7 @@ static void a_hub_of_very_many_triangles_is_built(void **state)
 	assert_int_equal(model_told("triangles_stored"), SPOKES);
 	verify(*state, "s.ooc");
 	model_build(*state, "-o t.ooc --leaf-triangles 2000 --memory 96M --jobs 1 hub.ply");
-	model_assert_same_files(test_path(*state, "s.ooc"), test_path(*state, "t.ooc"));
+	test_assert_same_files(test_path(*state, "s.ooc"), test_path(*state, "t.ooc"));
 	free(corners);
 }
 

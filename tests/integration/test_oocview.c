@@ -34,10 +34,10 @@ static void copied_and_in_place_give_the_same_picture(void **state)
 	view_must(
 		view_run(fixture, "--headless --json --gpu-cache 1G --screenshot copy.png g.ooc"));
 	assert_non_null(strstr(view_output, "\"in_place\":false"));
-	view_assert_same(view_file(fixture, "place.png"), view_file(fixture, "copy.png"));
+	test_assert_same_files(view_file(fixture, "place.png"), view_file(fixture, "copy.png"));
 	/* A cache of a few nodes: each is copied, drawn and given up. */
 	view_must(view_run(fixture, "--headless --gpu-cache 100K --screenshot small.png g.ooc"));
-	view_assert_same(view_file(fixture, "place.png"), view_file(fixture, "small.png"));
+	test_assert_same_files(view_file(fixture, "place.png"), view_file(fixture, "small.png"));
 }
 
 static void portions_give_the_same_picture_as_the_whole(void **state)
@@ -53,7 +53,7 @@ static void portions_give_the_same_picture_as_the_whole(void **state)
 	view_must(view_run(fixture, "--headless --json --screenshot portions.png g.ooc"));
 	assert_true(view_summary_number("portions") > 3.0);
 	assert_true(view_summary_number("nodes_missing") == 0.0);
-	view_assert_same(view_file(fixture, "whole.png"), view_file(fixture, "portions.png"));
+	test_assert_same_files(view_file(fixture, "whole.png"), view_file(fixture, "portions.png"));
 }
 
 static void two_viewers_with_a_cache_for_neither_both_get_whole_pictures(void **state)
@@ -68,7 +68,7 @@ static void two_viewers_with_a_cache_for_neither_both_get_whole_pictures(void **
 			       "{ $v --screenshot a.png g.ooc & $v --screenshot b.png g.ooc && "
 			       "wait $!; }",
 			       fixture->folder));
-	view_assert_same(view_file(fixture, "a.png"), view_file(fixture, "b.png"));
+	test_assert_same_files(view_file(fixture, "a.png"), view_file(fixture, "b.png"));
 }
 static void a_budget_is_kept(void **state)
 {
@@ -97,7 +97,7 @@ static void a_world_that_fits_the_budget_is_not_chosen_from(void **state)
 				    "--screenshot b.png g.ooc"));
 	assert_non_null(strstr(view_output, "\"everything\":0,\"budget\":1"));
 	view_must(view_run(fixture, "--headless --screenshot full.png g.ooc"));
-	view_assert_same(view_file(fixture, "full.png"), view_file(fixture, "a.png"));
+	test_assert_same_files(view_file(fixture, "full.png"), view_file(fixture, "a.png"));
 }
 
 /* Costs are measured once for a driver, and again when it is another. */
@@ -220,7 +220,7 @@ static void a_model_is_built_once_and_again_when_it_changes(void **state)
 	write_model(fixture, "m.obj", 1.0);
 	assert_true(view_model(fixture, "--screenshot 1.png m.obj"));
 	assert_false(view_model(fixture, "--screenshot 2.png m.obj"));
-	view_assert_same(view_file(fixture, "1.png"), view_file(fixture, "2.png"));
+	test_assert_same_files(view_file(fixture, "1.png"), view_file(fixture, "2.png"));
 	assert_int_equal(stores_in_cache(fixture), 1);
 	/* A longer file: the time of change need not differ. */
 	write_model(fixture, "m.obj", 0.125);
@@ -230,7 +230,7 @@ static void a_model_is_built_once_and_again_when_it_changes(void **state)
 	assert_int_equal(test_command(NULL, 0, "cd %s && mkdir d && cp m.obj d", fixture->folder),
 			 0);
 	assert_true(view_model(fixture, "--screenshot 4.png d/m.obj"));
-	view_assert_same(view_file(fixture, "3.png"), view_file(fixture, "4.png"));
+	test_assert_same_files(view_file(fixture, "3.png"), view_file(fixture, "4.png"));
 	assert_int_equal(stores_in_cache(fixture), 2);
 }
 

@@ -38,8 +38,8 @@ static void a_film_has_a_picture_a_row_and_a_recording_a_frame(void **state)
 	assert_string_equal(test_folder_list(view_file(fixture, "film")),
 			    "frame_000000.png frame_000001.png frame_000002.png frame_000003.png "
 			    "frame_000004.png frame_000005.png ");
-	view_assert_same(view_file(fixture, "film/frame_000001.png"),
-			 view_file(fixture, "film/frame_000004.png"));
+	test_assert_same_files(view_file(fixture, "film/frame_000001.png"),
+			       view_file(fixture, "film/frame_000004.png"));
 	text = test_file_read(view_file(fixture, "s.csv"), &bytes);
 	text = realloc(text, bytes + 1);
 	assert_non_null(text);
@@ -75,14 +75,14 @@ static void a_film_has_a_picture_a_row_and_a_recording_a_frame(void **state)
 				    "--frames fast g.ooc"));
 	assert_string_equal(test_folder_list(view_file(fixture, "fast")),
 			    "frame_000000.png frame_000001.png ");
-	view_assert_same(view_file(fixture, "film/frame_000002.png"),
-			 view_file(fixture, "fast/frame_000001.png"));
+	test_assert_same_files(view_file(fixture, "film/frame_000002.png"),
+			       view_file(fixture, "fast/frame_000001.png"));
 	/* The recording is a path like any other, here twice as long. */
 	view_must(view_run(fixture,
 			   "--headless --settle --size 160x120 --path r.csv --frames again "
 			   "g.ooc"));
-	view_assert_same(view_file(fixture, "film/frame_000002.png"),
-			 view_file(fixture, "again/frame_000005.png"));
+	test_assert_same_files(view_file(fixture, "film/frame_000002.png"),
+			       view_file(fixture, "again/frame_000005.png"));
 }
 
 /* A path into the grid: what comes into view has been asked for before. */
@@ -186,7 +186,7 @@ static void a_film_goes_on_when_the_daemon_is_started_again(void **state)
 
 		(void)snprintf(name, sizeof(name), "film/frame_%06d.png", i);
 		(void)snprintf(last, sizeof(last), "again/frame_%06d.png", 87 + i);
-		view_assert_same(view_file(fixture, name), view_file(fixture, last));
+		test_assert_same_files(view_file(fixture, name), view_file(fixture, last));
 	}
 	(void)close(watch);
 }

@@ -216,7 +216,7 @@ static void ten_million_units_from_the_origin_the_picture_is_the_same(void **sta
 	view_must(view_run(fixture,
 			   "--headless --size 640x480 --camera %s --screenshot near.png near.ooc",
 			   cameras[0]));
-	view_assert_same(view_file(fixture, "near.png"), view_file(fixture, "far.png"));
+	test_assert_same_files(view_file(fixture, "near.png"), view_file(fixture, "far.png"));
 }
 
 static void depth_is_the_rasterisers(void **state)

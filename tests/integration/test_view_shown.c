@@ -51,7 +51,7 @@ static void write_camera_path(const struct view_fixture *fixture, const char *na
 static void assert_same_items(const struct view_fixture *fixture, const char *one,
 			      const char *other)
 {
-	view_assert_same(view_file(fixture, one), view_file(fixture, other));
+	test_assert_same_files(view_file(fixture, one), view_file(fixture, other));
 }
 
 static void a_settled_conservative_picture_is_the_full_one(void **state)
@@ -112,7 +112,7 @@ static void assert_same_frames(const struct view_fixture *fixture)
 
 		(void)snprintf(full, sizeof(full), "full/frame_%06d.png", frame % 4);
 		(void)snprintf(shown, sizeof(shown), "shown/frame_%06d.png", frame);
-		view_assert_same(view_file(fixture, full), view_file(fixture, shown));
+		test_assert_same_files(view_file(fixture, full), view_file(fixture, shown));
 	}
 }
 
@@ -174,7 +174,8 @@ static void a_cache_for_a_few_nodes_is_enough_for_a_settled_picture(void **state
 				   "--headless --camera %s --mode conservative --visibility %s "
 				   "--screenshot shown.png g.ooc",
 				   cameras[1], ways[w]));
-		view_assert_same(view_file(fixture, "full.png"), view_file(fixture, "shown.png"));
+		test_assert_same_files(view_file(fixture, "full.png"),
+				       view_file(fixture, "shown.png"));
 	}
 }
 

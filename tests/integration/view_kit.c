@@ -84,19 +84,6 @@ struct view_image view_load_raw(const char *path)
 	return image;
 }
 
-void view_assert_same(const char *one, const char *other)
-{
-	size_t one_bytes;
-	size_t other_bytes;
-	void *one_file = test_file_read(one, &one_bytes);
-	void *other_file = test_file_read(other, &other_bytes);
-
-	assert_int_equal(one_bytes, other_bytes);
-	assert_memory_equal(one_file, other_file, one_bytes);
-	free(one_file);
-	free(other_file);
-}
-
 double view_summary_number(const char *key)
 {
 	char quoted[64];

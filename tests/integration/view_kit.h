@@ -56,6 +56,4 @@ struct view_image {
 
 struct view_image view_load_raw(const char *path);
 
-void view_assert_same(const char *one, const char *other);
-
 #endif /* TESTS_INTEGRATION_VIEW_KIT_H */

@@ -17,6 +17,7 @@
 #include "formats/base/file.h"
 #include "formats/base/random.h"
 #include "libclient/select/camera.h"
+#include "libclient/select/vector.h"
 #include "tests/helper.h"
 
 static struct random dice = { 1 };
@@ -195,11 +196,6 @@ static void a_camera_without_direction_has_no_view(void **state)
 	assert_int_equal(camera_view_init(&view, &camera, &box_of_2, 1.0, 0.1), -EINVAL);
 }
 
-static double dot(const double a[3], const double b[3])
-{
-	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 static void axes_are_orthonormal_even_when_up_lies_along_the_view(void **state)
 {
 	(void)state;
@@ -216,11 +212,11 @@ static void axes_are_orthonormal_even_when_up_lies_along_the_view(void **state)
 						    : random_sign();
 		}
 		assert_int_equal(camera_view_init(&view, &camera, &box_of_2, 1.5, 0.1), 0);
-		assert_true(fabs(dot(view.right, view.up)) < 1e-12);
-		assert_true(fabs(dot(view.right, view.forward)) < 1e-12);
-		assert_true(fabs(dot(view.up, view.forward)) < 1e-12);
-		assert_true(fabs(dot(view.up, view.up) - 1.0) < 1e-12);
-		assert_true(fabs(dot(view.right, view.right) - 1.0) < 1e-12);
+		assert_true(fabs(vector_dot(view.right, view.up)) < 1e-12);
+		assert_true(fabs(vector_dot(view.right, view.forward)) < 1e-12);
+		assert_true(fabs(vector_dot(view.up, view.forward)) < 1e-12);
+		assert_true(fabs(vector_dot(view.up, view.up) - 1.0) < 1e-12);
+		assert_true(fabs(vector_dot(view.right, view.right) - 1.0) < 1e-12);
 	}
 }
 
@@ -246,7 +242,8 @@ static void planes_and_projection_agree_on_what_is_in_view(void **state)
 		}
 		assert_int_equal(camera_view_init(&view, &camera, &box_of_2, 1.5, 0.1), 0);
 		for (int k = 0; k < 5; k++)
-			margin = fmin(margin, dot(view.planes[k], point) + view.planes[k][3]);
+			margin =
+				fmin(margin, vector_dot(view.planes[k], point) + view.planes[k][3]);
 		for (int k = 0; k < 4; k++) {
 			clip[k] = view.view_projection[k][3];
 			for (int j = 0; j < 3; j++)
@@ -351,12 +348,12 @@ static void a_framed_model_is_in_view_and_fills_the_picture(void **state)
 					from_eye[k] = (corner >> k & 1 ? superblock.box_max[k]
 								       : superblock.box_min[k]) -
 						      view.eye[k];
-				depth = dot(view.forward, from_eye);
+				depth = vector_dot(view.forward, from_eye);
 				assert_true(depth > view.near);
-				largest = fmax(largest, fabs(dot(view.right, from_eye)) / depth /
-								view.tan_half_x);
-				largest = fmax(largest, fabs(dot(view.up, from_eye)) / depth /
-								view.tan_half_y);
+				largest = fmax(largest, fabs(vector_dot(view.right, from_eye)) /
+								depth / view.tan_half_x);
+				largest = fmax(largest, fabs(vector_dot(view.up, from_eye)) /
+								depth / view.tan_half_y);
 			}
 			assert_true(largest < 1.0 && largest > 0.8);
 		}

@@ -11,6 +11,7 @@
 
 #include <cmocka.h>
 
+#include "libclient/select/vector.h"
 #include "tests/helper.h"
 #include "viewer/camera_control.h"
 #include "viewer/gesture.h"
@@ -25,11 +26,6 @@ static const struct camera start = {
 	.up = { 0.0, 0.0, 1.0 },
 	.fov_y_degrees = 45.0,
 };
-
-static double dot(const double a[3], const double b[3])
-{
-	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 
 static double between(const double a[3], const double b[3])
 {
@@ -53,9 +49,9 @@ static void project(const struct camera *camera, const double point[3], double r
 	camera_control_axes(camera, &axes);
 	for (int k = 0; k < 3; k++)
 		from_eye[k] = point[k] - camera->eye[k];
-	ret[2] = dot(from_eye, axes.forward);
-	ret[0] = dot(from_eye, axes.right) / (ret[2] * tan_half * ASPECT);
-	ret[1] = dot(from_eye, axes.up) / (ret[2] * tan_half);
+	ret[2] = vector_dot(from_eye, axes.forward);
+	ret[0] = vector_dot(from_eye, axes.right) / (ret[2] * tan_half * ASPECT);
+	ret[1] = vector_dot(from_eye, axes.up) / (ret[2] * tan_half);
 }
 
 static struct camera moved_by(struct camera camera, double offset)
@@ -79,11 +75,11 @@ static void axes_are_orthonormal_and_right_handed_also_along_up(void **state)
 		double cross;
 
 		camera_control_axes(&cameras[i], &axes);
-		assert_near(dot(axes.right, axes.right), 1.0, 1e-12);
-		assert_near(dot(axes.up, axes.up), 1.0, 1e-12);
-		assert_near(dot(axes.forward, axes.forward), 1.0, 1e-12);
-		assert_near(dot(axes.right, axes.up), 0.0, 1e-12);
-		assert_near(dot(axes.right, axes.forward), 0.0, 1e-12);
+		assert_near(vector_dot(axes.right, axes.right), 1.0, 1e-12);
+		assert_near(vector_dot(axes.up, axes.up), 1.0, 1e-12);
+		assert_near(vector_dot(axes.forward, axes.forward), 1.0, 1e-12);
+		assert_near(vector_dot(axes.right, axes.up), 0.0, 1e-12);
+		assert_near(vector_dot(axes.right, axes.forward), 0.0, 1e-12);
 		cross = axes.right[1] * axes.forward[2] - axes.right[2] * axes.forward[1];
 		assert_near(cross, axes.up[0], 1e-12);
 	}
@@ -171,11 +167,11 @@ static void turning_right_looks_to_the_right(void **state)
 	camera_control_axes(&camera, &before);
 	camera_control_turn(&camera, z_up, -0.2, 0.0, 0.0);
 	camera_control_axes(&camera, &after);
-	assert_true(dot(after.forward, before.right) > 0.1);
+	assert_true(vector_dot(after.forward, before.right) > 0.1);
 	assert_memory_equal(camera.eye, start.eye, sizeof(camera.eye));
 	camera_control_turn(&camera, z_up, 0.0, 0.2, 0.0);
 	camera_control_axes(&camera, &after);
-	assert_true(dot(after.forward, before.up) > 0.1);
+	assert_true(vector_dot(after.forward, before.up) > 0.1);
 }
 
 static void zoom_keeps_the_point_under_the_cursor(void **state)
@@ -239,11 +235,11 @@ static void each_side_shows_the_whole_box_from_where_it_says(void **state)
 			assert_true(largest > 0.8);
 			camera_control_axes(&camera, &axes);
 			if (s == CAMERA_CONTROL_TOP)
-				assert_near(dot(axes.forward, ups[u]), -1.0, 1e-12);
+				assert_near(vector_dot(axes.forward, ups[u]), -1.0, 1e-12);
 			else if (s == CAMERA_CONTROL_BOTTOM)
-				assert_near(dot(axes.forward, ups[u]), 1.0, 1e-12);
+				assert_near(vector_dot(axes.forward, ups[u]), 1.0, 1e-12);
 			else
-				assert_near(dot(axes.up, ups[u]), 1.0, 1e-12);
+				assert_near(vector_dot(axes.up, ups[u]), 1.0, 1e-12);
 		}
 	}
 }
