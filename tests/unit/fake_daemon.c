@@ -13,6 +13,7 @@
 #include <sys/un.h>
 
 #include "formats/base/file.h"
+#include "tests/helper.h"
 
 #define PATIENCE_MS 10000
 
@@ -357,4 +358,38 @@ struct ooc_store *fake_open(struct fake_daemon *fake, struct ooc_client *client)
 	FAKE_CHECK(pthread_join(thread, NULL) == 0);
 	FAKE_CHECK(ooc_dispatch(client) == 0);
 	return store;
+}
+
+/* ---- a client with one store open, and its daemon ---- */
+
+int fake_scene_setup(void **state)
+{
+	struct fake_scene *scene = calloc(1, sizeof(*scene));
+
+	scene->folder = test_folder_make();
+	scene->fake = fake_create(scene->folder);
+	scene->client = fake_connect(scene->fake);
+	scene->store = fake_open(scene->fake, scene->client);
+	*state = scene;
+	return 0;
+}
+
+int fake_scene_teardown(void **state)
+{
+	struct fake_scene *scene = *state;
+
+	ooc_disconnect(scene->client);
+	fake_destroy(scene->fake);
+	test_folder_remove(scene->folder);
+	free(scene);
+	return 0;
+}
+
+int64_t fake_give(const struct fake_scene *scene, uint32_t first, uint32_t count)
+{
+	static struct ooc_want wants[FAKE_NODE_COUNT];
+
+	for (uint32_t i = 0; i < count; i++)
+		wants[i] = (struct ooc_want){ scene->store, first + i, (float)(count - i) };
+	return ooc_visible_set(scene->client, wants, count);
 }

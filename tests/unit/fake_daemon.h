@@ -95,4 +95,20 @@ void fake_word(struct fake_daemon *fake, uint32_t store, uint32_t node, uint64_t
 struct fake_memory fake_memory_make(const struct fake_daemon *fake, uint64_t bytes);
 void fake_memory_free(struct fake_memory *memory);
 
+/* ---- a client with one store open, and its daemon ---- */
+
+struct fake_scene {
+	char *folder;
+	struct fake_daemon *fake;
+	struct ooc_client *client;
+	struct ooc_store *store;
+};
+
+/** For cmocka_unit_test_setup_teardown(): *state is a struct fake_scene. */
+int fake_scene_setup(void **state);
+int fake_scene_teardown(void **state);
+
+/** The client gives the set of nodes first .. first + count - 1.  Returns: as ooc_visible_set(). */
+int64_t fake_give(const struct fake_scene *scene, uint32_t first, uint32_t count);
+
 #endif /* TESTS_UNIT_FAKE_DAEMON_H */

@@ -26,49 +26,8 @@
 #include "tests/helper.h"
 #include "tests/unit/fake_daemon.h"
 
-/* A client with one store open, and its daemon. */
-struct scene {
-	char *folder;
-	struct fake_daemon *fake;
-	struct ooc_client *client;
-	struct ooc_store *store;
-};
-
-static int scene_setup(void **state)
-{
-	struct scene *scene = calloc(1, sizeof(*scene));
-
-	scene->folder = test_folder_make();
-	scene->fake = fake_create(scene->folder);
-	scene->client = fake_connect(scene->fake);
-	scene->store = fake_open(scene->fake, scene->client);
-	*state = scene;
-	return 0;
-}
-
-static int scene_teardown(void **state)
-{
-	struct scene *scene = *state;
-
-	ooc_disconnect(scene->client);
-	fake_destroy(scene->fake);
-	test_folder_remove(scene->folder);
-	free(scene);
-	return 0;
-}
-
-/* Gives the set of nodes first .. first + count - 1. */
-static int64_t give(struct scene *scene, uint32_t first, uint32_t count)
-{
-	static struct ooc_want wants[FAKE_NODE_COUNT];
-
-	for (uint32_t i = 0; i < count; i++)
-		wants[i] = (struct ooc_want){ scene->store, first + i, (float)(count - i) };
-	return ooc_visible_set(scene->client, wants, count);
-}
-
 /* The daemon takes a set over: holds granted and payloads ready. */
-static void serve(struct scene *scene, uint64_t serial, uint32_t first, uint32_t count)
+static void serve(struct fake_scene *scene, uint64_t serial, uint32_t first, uint32_t count)
 {
 	for (uint32_t i = 0; i < count; i++) {
 		fake_grant(scene->fake, 0, first + i, true);
@@ -77,7 +36,7 @@ static void serve(struct scene *scene, uint64_t serial, uint32_t first, uint32_t
 	fake_settle(scene->fake, serial);
 }
 
-static bool is_payload(const struct scene *scene, uint32_t node)
+static bool is_payload(const struct fake_scene *scene, uint32_t node)
 {
 	const uint8_t *bytes = ooc_map(scene->store, node);
 
@@ -90,10 +49,10 @@ static bool is_payload(const struct scene *scene, uint32_t node)
 
 static void a_set_equal_to_the_one_before_sends_nothing(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct ooc_counters before;
 	struct ooc_counters after;
-	int64_t serial = give(scene, 1, 3);
+	int64_t serial = fake_give(scene, 1, 3);
 	const struct wire_set *set = fake_expect_set(scene->fake, (uint64_t)serial);
 
 	assert_int_equal(set->entry_count, 3);
@@ -103,12 +62,12 @@ static void a_set_equal_to_the_one_before_sends_nothing(void **state)
 
 	ooc_counters(scene->client, &before);
 	for (int i = 0; i < 10; i++)
-		assert_int_equal(give(scene, 1, 3), serial);
+		assert_int_equal(fake_give(scene, 1, 3), serial);
 	ooc_counters(scene->client, &after);
 	assert_int_equal(after.messages_sent, before.messages_sent);
 	fake_expect_nothing(scene->fake);
 
-	assert_true(give(scene, 1, 4) > serial);
+	assert_true(fake_give(scene, 1, 4) > serial);
 	(void)fake_expect_set(scene->fake, 0);
 }
 
@@ -132,7 +91,7 @@ static int forbid_calls(void)
 	return prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program);
 }
 
-static _Noreturn void draw_without_calls(struct scene *scene, int64_t serial)
+static _Noreturn void draw_without_calls(struct fake_scene *scene, int64_t serial)
 {
 	struct wire_session_page *page = scene->fake->page.base;
 
@@ -141,7 +100,7 @@ static _Noreturn void draw_without_calls(struct scene *scene, int64_t serial)
 	for (unsigned i = 0; i < 1000; i++) {
 		/* The daemon's sign of life: without it the socket would be looked at. */
 		atomic_fetch_add_explicit(&page->beat, 1, memory_order_relaxed);
-		if (ooc_dispatch(scene->client) < 0 || give(scene, 1, 3) != serial ||
+		if (ooc_dispatch(scene->client) < 0 || fake_give(scene, 1, 3) != serial ||
 		    !ooc_map(scene->store, 1))
 			_exit(1);
 	}
@@ -150,8 +109,8 @@ static _Noreturn void draw_without_calls(struct scene *scene, int64_t serial)
 
 static void where_nothing_has_changed_no_system_call_is_made(void **state)
 {
-	struct scene *scene = *state;
-	int64_t serial = give(scene, 1, 3);
+	struct fake_scene *scene = *state;
+	int64_t serial = fake_give(scene, 1, 3);
 	pid_t pid;
 
 	(void)fake_expect_set(scene->fake, (uint64_t)serial);
@@ -168,13 +127,13 @@ static void where_nothing_has_changed_no_system_call_is_made(void **state)
 static void while_a_set_is_unanswered_the_newest_waits_and_those_between_are_never_sent(
 	void **state)
 {
-	struct scene *scene = *state;
-	int64_t first = give(scene, 1, 1);
+	struct fake_scene *scene = *state;
+	int64_t first = fake_give(scene, 1, 1);
 	int64_t newest = 0;
 
 	(void)fake_expect_set(scene->fake, (uint64_t)first);
 	for (uint32_t i = 2; i < 6; i++)
-		newest = give(scene, i, 1);
+		newest = fake_give(scene, i, 1);
 	assert_int_equal(ooc_dispatch(scene->client), 0);
 	fake_expect_nothing(scene->fake);
 
@@ -186,9 +145,9 @@ static void while_a_set_is_unanswered_the_newest_waits_and_those_between_are_nev
 
 static void a_large_set_spans_messages(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	uint32_t count = 2 * WIRE_SET_ENTRY_COUNT_MAX + 1;
-	int64_t serial = give(scene, 1, count);
+	int64_t serial = fake_give(scene, 1, count);
 	uint32_t seen = 0;
 
 	while (seen < count) {
@@ -206,15 +165,15 @@ static void a_large_set_spans_messages(void **state)
 
 static void an_empty_set_is_said(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 
-	assert_true(give(scene, 1, 0) > 0);
+	assert_true(fake_give(scene, 1, 0) > 0);
 	assert_int_equal(fake_expect_set(scene->fake, 0)->entry_count, 0);
 }
 
 static void a_node_given_twice_counts_once(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct ooc_want wants[] = { { scene->store, 7, 2 },
 				    { scene->store, 8, 1 },
 				    { scene->store, 7, 0 } };
@@ -225,7 +184,7 @@ static void a_node_given_twice_counts_once(void **state)
 
 static void wants_that_cannot_be_are_refused_and_the_set_before_stays(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct ooc_client *client = scene->client;
 	struct ooc_want no_payload = { scene->store, 0, 1 };
 	struct ooc_want no_node = { scene->store, FAKE_NODE_COUNT, 1 };
@@ -234,7 +193,7 @@ static void wants_that_cannot_be_are_refused_and_the_set_before_stays(void **sta
 	struct ooc_want negative = { scene->store, 1, -1 };
 	struct ooc_want ascending[] = { { scene->store, 1, 1 }, { scene->store, 2, 2 } };
 	struct ooc_progress progress;
-	int64_t serial = give(scene, 1, 3);
+	int64_t serial = fake_give(scene, 1, 3);
 
 	(void)fake_expect_set(scene->fake, (uint64_t)serial);
 	fake_acknowledge(scene->fake, (uint64_t)serial);
@@ -255,7 +214,7 @@ static void wants_that_cannot_be_are_refused_and_the_set_before_stays(void **sta
 
 static void a_full_socket_delays_a_set_and_loses_none_of_it(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct ooc_want want = { scene->store, 1, 1 };
 	unsigned prefetch_count = 0;
 	int64_t serial;
@@ -264,7 +223,7 @@ static void a_full_socket_delays_a_set_and_loses_none_of_it(void **state)
 	while ((r = ooc_prefetch(scene->client, &want, 1)) == 0)
 		prefetch_count++;
 	assert_int_equal(r, -EAGAIN);
-	serial = give(scene, 1, 3 * WIRE_SET_ENTRY_COUNT_MAX);
+	serial = fake_give(scene, 1, 3 * WIRE_SET_ENTRY_COUNT_MAX);
 	assert_true(serial > 0);
 	while (prefetch_count-- > 0)
 		(void)fake_expect(scene->fake, WIRE_PREFETCH);
@@ -283,9 +242,9 @@ static void a_full_socket_delays_a_set_and_loses_none_of_it(void **state)
 
 static void a_node_is_drawable_when_acknowledged_granted_ready_and_its_segment_known(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct fake_daemon *fake = scene->fake;
-	int64_t serial = give(scene, 5, 1);
+	int64_t serial = fake_give(scene, 5, 1);
 
 	(void)fake_expect_set(fake, (uint64_t)serial);
 	for (unsigned facts = 0; facts < 8; facts++) {
@@ -317,9 +276,9 @@ static void a_node_is_drawable_when_acknowledged_granted_ready_and_its_segment_k
 
 static void a_node_dropped_and_wanted_again_waits_for_the_later_set(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct fake_daemon *fake = scene->fake;
-	int64_t serial = give(scene, 1, 2);
+	int64_t serial = fake_give(scene, 1, 2);
 	int64_t without;
 	int64_t again;
 
@@ -327,14 +286,14 @@ static void a_node_dropped_and_wanted_again_waits_for_the_later_set(void **state
 	serve(scene, (uint64_t)serial, 1, 2);
 	assert_true(is_payload(scene, 1));
 
-	without = give(scene, 2, 1);
+	without = fake_give(scene, 2, 1);
 	(void)fake_expect_set(fake, (uint64_t)without);
 	assert_false(is_payload(scene, 1));
 	assert_true(is_payload(scene, 2));
 	fake_acknowledge(fake, (uint64_t)without);
 
 	/* The grant bit still stands from before, and the word says READY: neither is to be believed. */
-	again = give(scene, 1, 2);
+	again = fake_give(scene, 1, 2);
 	(void)fake_expect_set(fake, (uint64_t)again);
 	assert_false(is_payload(scene, 1));
 	assert_true(is_payload(scene, 2));
@@ -344,30 +303,30 @@ static void a_node_dropped_and_wanted_again_waits_for_the_later_set(void **state
 
 static void a_drop_that_was_never_sent_costs_nothing(void **state)
 {
-	struct scene *scene = *state;
-	int64_t serial = give(scene, 1, 2);
+	struct fake_scene *scene = *state;
+	int64_t serial = fake_give(scene, 1, 2);
 
 	(void)fake_expect_set(scene->fake, (uint64_t)serial);
 	serve(scene, (uint64_t)serial, 1, 2);
-	serial = give(scene, 1, 3);
+	serial = fake_give(scene, 1, 3);
 	(void)fake_expect_set(scene->fake, (uint64_t)serial);
 	/* That one is unanswered, so the next two wait, and the second replaces the first. */
-	(void)give(scene, 2, 1);
+	(void)fake_give(scene, 2, 1);
 	assert_false(is_payload(scene, 1));
-	serial = give(scene, 1, 2);
+	serial = fake_give(scene, 1, 2);
 	assert_true(is_payload(scene, 1));
 	fake_expect_nothing(scene->fake);
 }
 
 static void a_place_is_valid_until_the_node_is_filled_anew_or_thrown_out(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct ooc_place place;
 	struct ooc_place other;
 	const void *base;
 	uint64_t bytes;
 	uint64_t unique;
-	int64_t serial = give(scene, 3, 1);
+	int64_t serial = fake_give(scene, 3, 1);
 
 	(void)fake_expect_set(scene->fake, (uint64_t)serial);
 	assert_int_equal(ooc_locate(scene->store, 3, &place), -EAGAIN);
@@ -389,7 +348,7 @@ static void a_place_is_valid_until_the_node_is_filled_anew_or_thrown_out(void **
 
 static void a_segment_that_goes_is_unmapped(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	const void *base;
 	uint64_t bytes;
 	uint64_t unique;
@@ -410,14 +369,14 @@ static void a_segment_that_goes_is_unmapped(void **state)
 
 static void what_is_kept_for_drawing_is_given_back_by_retire(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct fake_daemon *fake = scene->fake;
 	const struct wire_retire *retire;
 	int64_t serials[3];
 
 	ooc_keep_drawing(scene->client, true);
 	for (uint32_t i = 0; i < 3; i++) {
-		serials[i] = give(scene, 1 + i, 1);
+		serials[i] = fake_give(scene, 1 + i, 1);
 		assert_int_equal(fake_expect_set(fake, (uint64_t)serials[i])->flags,
 				 WIRE_SET_FIRST | WIRE_SET_LAST);
 		fake_acknowledge(fake, (uint64_t)serials[i]);
@@ -433,7 +392,7 @@ static void what_is_kept_for_drawing_is_given_back_by_retire(void **state)
 
 static void retiring_a_set_that_was_never_sent_keeps_what_it_could_draw(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct fake_daemon *fake = scene->fake;
 	const struct wire_set *set;
 	int64_t sent;
@@ -441,10 +400,10 @@ static void retiring_a_set_that_was_never_sent_keeps_what_it_could_draw(void **s
 	int64_t last;
 
 	ooc_keep_drawing(scene->client, true);
-	sent = give(scene, 1, 2);
+	sent = fake_give(scene, 1, 2);
 	(void)fake_expect_set(fake, (uint64_t)sent);
-	replaced = give(scene, 1, 1);
-	last = give(scene, 3, 1);
+	replaced = fake_give(scene, 1, 1);
+	last = fake_give(scene, 3, 1);
 	/* Under `replaced` node 1 may be drawn, which is held by `sent` alone. */
 	assert_int_equal(ooc_retire(scene->client, replaced), 0);
 	assert_int_equal(((const struct wire_retire *)fake_expect(fake, WIRE_RETIRE))->serial,
@@ -458,7 +417,7 @@ static void retiring_a_set_that_was_never_sent_keeps_what_it_could_draw(void **s
 			 last);
 }
 
-static void recall(struct scene *scene)
+static void recall(struct fake_scene *scene)
 {
 	struct wire_recall message = { .serial = 1 };
 
@@ -468,14 +427,14 @@ static void recall(struct scene *scene)
 
 static void asked_to_let_go_the_set_is_said_again_and_retires_what_was_drawn(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	int64_t serial;
 	uint64_t again;
 
 	/* Nothing was said, so nothing is said again. */
 	recall(scene);
 	fake_expect_nothing(scene->fake);
-	serial = give(scene, 1, 3);
+	serial = fake_give(scene, 1, 3);
 	(void)fake_expect_set(scene->fake, (uint64_t)serial);
 	fake_acknowledge(scene->fake, (uint64_t)serial);
 	for (uint32_t i = 0; i < 2; i++) {
@@ -490,24 +449,24 @@ static void asked_to_let_go_the_set_is_said_again_and_retires_what_was_drawn(voi
 		fake_acknowledge(scene->fake, again);
 	}
 	/* To its giver it is the set that it was. */
-	assert_int_equal(give(scene, 1, 3), serial);
+	assert_int_equal(fake_give(scene, 1, 3), serial);
 	fake_expect_nothing(scene->fake);
 }
 
 static void asked_to_let_go_a_program_that_keeps_drawing_retires_its_next_set(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	int64_t serial;
 	int64_t next;
 
 	ooc_keep_drawing(scene->client, true);
-	serial = give(scene, 1, 3);
+	serial = fake_give(scene, 1, 3);
 	(void)fake_expect_set(scene->fake, (uint64_t)serial);
 	fake_acknowledge(scene->fake, (uint64_t)serial);
 	recall(scene);
 	fake_acknowledge(scene->fake, fake_expect_set(scene->fake, 0)->serial);
 	/* The same set is another one now, so that it can be told from what is drawn. */
-	next = give(scene, 1, 3);
+	next = fake_give(scene, 1, 3);
 	assert_true(next > serial);
 	assert_int_equal(fake_expect_set(scene->fake, (uint64_t)next)->flags,
 			 WIRE_SET_FIRST | WIRE_SET_LAST);
@@ -515,20 +474,20 @@ static void asked_to_let_go_a_program_that_keeps_drawing_retires_its_next_set(vo
 	assert_int_equal(ooc_retire(scene->client, next), 0);
 	assert_int_equal(
 		((const struct wire_retire *)fake_expect(scene->fake, WIRE_RETIRE))->serial, next);
-	assert_int_equal(give(scene, 1, 3), next);
+	assert_int_equal(fake_give(scene, 1, 3), next);
 	fake_expect_nothing(scene->fake);
 }
 
 static void a_set_retired_before_it_is_sent_says_so_itself(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	int64_t sent;
 	int64_t last;
 
 	ooc_keep_drawing(scene->client, true);
-	sent = give(scene, 1, 2);
+	sent = fake_give(scene, 1, 2);
 	(void)fake_expect_set(scene->fake, (uint64_t)sent);
-	last = give(scene, 3, 1);
+	last = fake_give(scene, 3, 1);
 	assert_int_equal(ooc_retire(scene->client, last), 0);
 	assert_int_equal(
 		((const struct wire_retire *)fake_expect(scene->fake, WIRE_RETIRE))->serial, sent);
@@ -541,10 +500,10 @@ static void a_set_retired_before_it_is_sent_says_so_itself(void **state)
 
 static void refusals_count_for_the_set_they_speak_of(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct fake_daemon *fake = scene->fake;
 	struct ooc_progress progress;
-	int64_t serial = give(scene, 1, 3);
+	int64_t serial = fake_give(scene, 1, 3);
 
 	(void)fake_expect_set(fake, (uint64_t)serial);
 	serve(scene, (uint64_t)serial, 1, 2);
@@ -565,7 +524,7 @@ static void refusals_count_for_the_set_they_speak_of(void **state)
 	assert_false(progress.complete);
 
 	/* The next set is answered anew; until it is, the old answer is the best known. */
-	serial = give(scene, 1, 4);
+	serial = fake_give(scene, 1, 4);
 	(void)fake_expect_set(fake, (uint64_t)serial);
 	ooc_progress(scene->client, &progress);
 	assert_int_equal(progress.refused_count, 0);
@@ -576,7 +535,7 @@ static void refusals_count_for_the_set_they_speak_of(void **state)
 
 static void *settle_when_asked(void *arg)
 {
-	struct scene *scene = arg;
+	struct fake_scene *scene = arg;
 	const struct wire_set *set = fake_expect_set(scene->fake, 0);
 
 	FAKE_CHECK(!(set->flags & WIRE_SET_EVENTS));
@@ -591,9 +550,9 @@ static void *settle_when_asked(void *arg)
 
 static void waiting_says_the_same_set_once_more_and_wakes_by_event(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct ooc_progress progress;
-	int64_t serial = give(scene, 1, 2);
+	int64_t serial = fake_give(scene, 1, 2);
 	pthread_t thread;
 
 	/* Nobody answers: the set is said, and that is all. */
@@ -605,17 +564,17 @@ static void waiting_says_the_same_set_once_more_and_wakes_by_event(void **state)
 	assert_true(progress.complete);
 	assert_int_equal(progress.serial, serial);
 	assert_true(is_payload(scene, 1));
-	assert_int_equal(give(scene, 1, 2), serial);
+	assert_int_equal(fake_give(scene, 1, 2), serial);
 	fake_expect_nothing(scene->fake);
 }
 
 static void a_caller_that_sleeps_does_not_wait_for_answers(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 
 	ooc_notify(scene->client, true);
 	for (uint32_t i = 1; i < 4; i++) {
-		int64_t serial = give(scene, i, 1);
+		int64_t serial = fake_give(scene, i, 1);
 
 		assert_int_equal(fake_expect_set(scene->fake, (uint64_t)serial)->entries[0].node,
 				 i);
@@ -624,13 +583,13 @@ static void a_caller_that_sleeps_does_not_wait_for_answers(void **state)
 
 static void notify_makes_the_descriptor_tell(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct pollfd readable = { .fd = ooc_fd(scene->client), .events = POLLIN };
 	int64_t serial;
 
 	ooc_notify(scene->client, true);
 	fake_expect_nothing(scene->fake);
-	serial = give(scene, 1, 1);
+	serial = fake_give(scene, 1, 1);
 	assert_true(fake_expect_set(scene->fake, (uint64_t)serial)->flags & WIRE_SET_EVENTS);
 	assert_int_equal(poll(&readable, 1, 0), 0);
 	serve(scene, (uint64_t)serial, 1, 1);
@@ -660,7 +619,7 @@ static void *answer_status(void *arg)
 
 static void status_is_put_together_from_its_pieces(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	pthread_t thread;
 	char *text;
 
@@ -701,7 +660,7 @@ static void *answer_orders(void *arg)
 static void orders_are_judged_here_and_by_the_daemon(void **state)
 {
 	static struct ooc_node_info infos[OOC_INSPECT_COUNT_MAX];
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	const uint32_t none = UINT32_MAX;
 	char *text = NULL;
 	pthread_t thread;
@@ -730,7 +689,7 @@ static void orders_are_judged_here_and_by_the_daemon(void **state)
 
 static void a_closed_store_leaves_the_set(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct ooc_store *second = fake_open(scene->fake, scene->client);
 	struct ooc_want wants[] = { { scene->store, 1, 2 }, { second, 2, 1 } };
 	struct ooc_progress progress;
@@ -751,7 +710,7 @@ static void a_closed_store_leaves_the_set(void **state)
 
 static void a_file_that_is_no_store_is_refused_before_anything_is_sent(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct ooc_store *store;
 
 	assert_int_equal(ooc_open(scene->client, "/nonexistent/x.ooc", &store), -ENOENT);
@@ -777,7 +736,7 @@ static void *refuse_open(void *arg)
 
 static void the_daemons_reason_for_not_opening_is_passed_on(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct ooc_store *store;
 	pthread_t thread;
 
@@ -793,7 +752,8 @@ static void the_daemons_reason_for_not_opening_is_passed_on(void **state)
 			 1);
 }
 
-#define SCENE_TEST(test) cmocka_unit_test_setup_teardown(test, scene_setup, scene_teardown)
+#define SCENE_TEST(test)                                                                           \
+	cmocka_unit_test_setup_teardown(test, fake_scene_setup, fake_scene_teardown)
 
 int main(void)
 {

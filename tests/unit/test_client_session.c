@@ -35,48 +35,8 @@ static int dispatch_until_away(struct ooc_client *client)
 	return r;
 }
 
-struct scene {
-	char *folder;
-	struct fake_daemon *fake;
-	struct ooc_client *client;
-	struct ooc_store *store;
-};
-
-static int scene_setup(void **state)
-{
-	struct scene *scene = calloc(1, sizeof(*scene));
-
-	scene->folder = test_folder_make();
-	scene->fake = fake_create(scene->folder);
-	scene->client = fake_connect(scene->fake);
-	scene->store = fake_open(scene->fake, scene->client);
-	*state = scene;
-	return 0;
-}
-
-static int scene_teardown(void **state)
-{
-	struct scene *scene = *state;
-
-	ooc_disconnect(scene->client);
-	fake_destroy(scene->fake);
-	test_folder_remove(scene->folder);
-	free(scene);
-	return 0;
-}
-
-static int64_t give(struct scene *scene, uint32_t first, uint32_t count)
-{
-	struct ooc_want wants[16];
-
-	assert_true(count <= 16);
-	for (uint32_t i = 0; i < count; i++)
-		wants[i] = (struct ooc_want){ scene->store, first + i, (float)(count - i) };
-	return ooc_visible_set(scene->client, wants, count);
-}
-
 /* The daemon takes over the set that it is told next, and has all of it. */
-static void serve_next(struct scene *scene)
+static void serve_next(struct fake_scene *scene)
 {
 	const struct wire_set *set = fake_expect_set(scene->fake, 0);
 
@@ -87,7 +47,7 @@ static void serve_next(struct scene *scene)
 	fake_settle(scene->fake, set->serial);
 }
 
-static bool is_payload(const struct scene *scene, uint32_t node)
+static bool is_payload(const struct fake_scene *scene, uint32_t node)
 {
 	const uint8_t *bytes = ooc_map(scene->store, node);
 
@@ -97,7 +57,7 @@ static bool is_payload(const struct scene *scene, uint32_t node)
 }
 
 /* Waits for the client's back-off to end with it having connected, and takes its HELLO. */
-static void come_back(struct scene *scene)
+static void come_back(struct fake_scene *scene)
 {
 	struct pollfd knock = { .fd = scene->fake->listen_fd, .events = POLLIN };
 
@@ -107,7 +67,7 @@ static void come_back(struct scene *scene)
 	fake_accept(scene->fake);
 }
 
-static void greet_again(struct scene *scene)
+static void greet_again(struct fake_scene *scene)
 {
 	come_back(scene);
 	fake_welcome(scene->fake);
@@ -118,11 +78,11 @@ static void greet_again(struct scene *scene)
 
 static void a_lost_daemon_takes_nothing_away(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct ooc_counters counters;
 	struct ooc_place place;
 
-	(void)give(scene, 1, 2);
+	(void)fake_give(scene, 1, 2);
 	serve_next(scene);
 	assert_int_equal(ooc_locate(scene->store, 1, &place), 0);
 	fake_die(scene->fake);
@@ -133,7 +93,7 @@ static void a_lost_daemon_takes_nothing_away(void **state)
 	assert_true(is_payload(scene, 2));
 	assert_true(ooc_still_valid(scene->store, 1, &place));
 	/* What is wanted now has to wait; what was there stays. */
-	assert_true(give(scene, 2, 2) > 0);
+	assert_true(fake_give(scene, 2, 2) > 0);
 	assert_false(is_payload(scene, 1));
 	assert_true(is_payload(scene, 2));
 	assert_false(is_payload(scene, 3));
@@ -143,13 +103,13 @@ static void a_lost_daemon_takes_nothing_away(void **state)
 
 static void after_a_loss_stores_are_opened_and_the_set_is_said_again(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct ooc_counters counters;
 	struct ooc_place before;
 	struct ooc_place after;
 	const struct wire_set *set;
 
-	(void)give(scene, 1, 2);
+	(void)fake_give(scene, 1, 2);
 	serve_next(scene);
 	fake_die(scene->fake);
 	greet_again(scene);
@@ -190,12 +150,12 @@ static void after_a_loss_stores_are_opened_and_the_set_is_said_again(void **stat
 
 static void drawing_threads_keep_old_memory_until_they_retire_it(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	const uint8_t *bytes;
 	int64_t serial;
 
 	ooc_keep_drawing(scene->client, true);
-	(void)give(scene, 1, 1);
+	(void)fake_give(scene, 1, 1);
 	serve_next(scene);
 	bytes = ooc_map(scene->store, 1);
 	fake_die(scene->fake);
@@ -207,7 +167,7 @@ static void drawing_threads_keep_old_memory_until_they_retire_it(void **state)
 	assert_ptr_not_equal(ooc_map(scene->store, 1), bytes);
 	assert_int_equal(bytes[0], 1);
 
-	serial = give(scene, 1, 2);
+	serial = fake_give(scene, 1, 2);
 	serve_next(scene);
 	assert_int_equal(bytes[FAKE_PAYLOAD_BYTES - 1], 1);
 	assert_int_equal(ooc_retire(scene->client, serial), 0);
@@ -216,9 +176,9 @@ static void drawing_threads_keep_old_memory_until_they_retire_it(void **state)
 
 static void a_daemon_lost_often_before_it_is_settled_takes_nothing_away(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 
-	(void)give(scene, 1, 2);
+	(void)fake_give(scene, 1, 2);
 	serve_next(scene);
 	for (int i = 0; i < 6; i++) {
 		fake_die(scene->fake);
@@ -235,12 +195,12 @@ static void a_daemon_lost_often_before_it_is_settled_takes_nothing_away(void **s
 
 static void old_memory_that_threads_may_draw_from_is_bounded(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct pollfd knock = { .fd = scene->fake->listen_fd, .events = POLLIN };
 	int64_t serial;
 
 	ooc_keep_drawing(scene->client, true);
-	serial = give(scene, 1, 1);
+	serial = fake_give(scene, 1, 1);
 	for (int i = 0; i < 4; i++) {
 		serve_next(scene);
 		fake_die(scene->fake);
@@ -256,7 +216,7 @@ static void old_memory_that_threads_may_draw_from_is_bounded(void **state)
 		assert_int_equal(poll(&knock, 1, 1), 0);
 	}
 	assert_true(is_payload(scene, 1));
-	serial = give(scene, 1, 2);
+	serial = fake_give(scene, 1, 2);
 	assert_int_equal(ooc_retire(scene->client, serial), 0);
 	greet_again(scene);
 	fake_serve_open(scene->fake);
@@ -267,11 +227,11 @@ static void old_memory_that_threads_may_draw_from_is_bounded(void **state)
 
 static void a_client_that_was_thrown_out_finds_out_without_a_call(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct wire_grants *grants = scene->fake->stores[0].grants.base;
 	struct ooc_place place;
 
-	(void)give(scene, 1, 1);
+	(void)fake_give(scene, 1, 1);
 	serve_next(scene);
 	assert_int_equal(ooc_locate(scene->store, 1, &place), 0);
 	atomic_store_explicit(&grants->epoch, 0, memory_order_release);
@@ -281,10 +241,10 @@ static void a_client_that_was_thrown_out_finds_out_without_a_call(void **state)
 
 static void a_successor_that_takes_the_memory_over_ends_what_was_drawable(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct wire_directory *directory = scene->fake->stores[0].directory.base;
 
-	(void)give(scene, 1, 1);
+	(void)fake_give(scene, 1, 1);
 	serve_next(scene);
 	atomic_store_explicit(&directory->epoch, scene->fake->epoch + 1, memory_order_release);
 	assert_false(is_payload(scene, 1));
@@ -292,10 +252,10 @@ static void a_successor_that_takes_the_memory_over_ends_what_was_drawable(void *
 
 static void another_generation_is_told_once_and_leaves_the_old_one_drawable(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct ooc_progress progress;
 
-	(void)give(scene, 1, 2);
+	(void)fake_give(scene, 1, 2);
 	serve_next(scene);
 	fake_die(scene->fake);
 	scene->fake->generation = 2;
@@ -307,7 +267,7 @@ static void another_generation_is_told_once_and_leaves_the_old_one_drawable(void
 	(void)fake_expect(scene->fake, WIRE_CLOSE);
 	assert_int_equal(fake_expect_set(scene->fake, 0)->entry_count, 0);
 	assert_true(is_payload(scene, 1));
-	assert_true(give(scene, 2, 2) > 0);
+	assert_true(fake_give(scene, 2, 2) > 0);
 	assert_int_equal(ooc_not_now(scene->store, 3), OOC_REASON_LOST);
 	ooc_progress(scene->client, &progress);
 	assert_int_equal(progress.drawable_count, 1);
@@ -325,9 +285,9 @@ static void another_generation_is_told_once_and_leaves_the_old_one_drawable(void
 
 static void a_wait_outlives_the_daemon(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 
-	(void)give(scene, 1, 1);
+	(void)fake_give(scene, 1, 1);
 	fake_die(scene->fake);
 	assert_int_equal(ooc_wait(scene->client, 30), -ENOTCONN);
 	come_back(scene);
@@ -342,7 +302,7 @@ static void a_wait_outlives_the_daemon(void **state)
 
 static void functions_that_need_the_daemon_say_that_it_is_away(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct ooc_want want = { scene->store, 1, 1 };
 	struct ooc_store *store;
 	char *text;
@@ -358,7 +318,7 @@ static void functions_that_need_the_daemon_say_that_it_is_away(void **state)
 /* ---- what cannot be believed ---- */
 
 /* Sends bytes as they are; the client must end the session, say why, and keep no descriptor. */
-static void assert_ends_session(struct scene *scene, const void *bytes, size_t size_bytes,
+static void assert_ends_session(struct fake_scene *scene, const void *bytes, size_t size_bytes,
 				size_t fd_count)
 {
 	struct test_descriptors before;
@@ -379,7 +339,7 @@ static void assert_ends_session(struct scene *scene, const void *bytes, size_t s
 
 static void garbage_ends_the_session_and_leaks_nothing(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	_Alignas(8) uint8_t bytes[600] = { 0 };
 	struct wire_header *header = (void *)bytes;
 	struct wire_opened opened = { .segment_bytes_log2 = 20 };
@@ -407,7 +367,7 @@ static void garbage_ends_the_session_and_leaks_nothing(void **state)
 
 static void memory_that_could_shrink_is_not_mapped(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 
 	scene->fake->seals = 0;
 	fake_segment(scene->fake, 0, 1);
@@ -417,7 +377,7 @@ static void memory_that_could_shrink_is_not_mapped(void **state)
 
 static void memory_shorter_than_it_is_said_to_be_is_not_mapped(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct fake_memory memory = fake_memory_make(scene->fake, 4096);
 	struct wire_segment segment = { .segment = 1, .segment_bytes = 8192 };
 
@@ -482,7 +442,7 @@ static void *open_with_a_lie(void *arg)
 
 static void a_store_that_does_not_fit_its_description_is_not_opened(void **state)
 {
-	struct scene *scene = *state;
+	struct fake_scene *scene = *state;
 	struct liar liar = { .fake = scene->fake };
 	struct ooc_store *store;
 	pthread_t thread;
@@ -584,7 +544,8 @@ static void a_path_that_is_no_address_is_too_long(void **state)
 	assert_int_equal(ooc_connect(path, "test", &client), -ENAMETOOLONG);
 }
 
-#define SCENE_TEST(test) cmocka_unit_test_setup_teardown(test, scene_setup, scene_teardown)
+#define SCENE_TEST(test)                                                                           \
+	cmocka_unit_test_setup_teardown(test, fake_scene_setup, fake_scene_teardown)
 #define FOLDER_TEST(test)                                                                          \
 	cmocka_unit_test_setup_teardown(test, test_folder_setup, test_folder_teardown)
 
