@@ -47,12 +47,21 @@
 
 /** After dividing the cache, so many times as long for other things, before it is divided again. */
 #define DIVISION_PAUSE 8u
+/**
+ * Between two EVENTs of one session, for each session that there is: some 4,000 a second wake clients, whatever
+ * goes on.  What settles or completes a set is told at once.
+ */
+#define EVENT_PAUSE_US 250u
+/** Telling wakes clients, who take the processor: after so long, messages are read before more is told. */
+#define TELL_US_MAX 1000u
 /** How long fetches wait for holds that are about to be given up, when none is given up meanwhile. */
 #define LEAVING_MS_MAX 1000u
 /** How long one of them waits in any case: others may take what is given up, again and again. */
 #define ROOM_WAIT_MS_MAX 1000u
 /** How long a client that is asked to let go may take until it is disconnected. */
 #define LEASE_MS_USUAL 5000u
+/** A session whose fetch waits for room is passed for so long, or until so much was released as it needs. */
+#define ROOM_RETRY_MS 20u
 /** A client that has been silent for so long is asked at once; others will say their set anyway. */
 #define RECALL_SILENCE_MS 50u
 

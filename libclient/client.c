@@ -188,7 +188,7 @@ int ooc_wait(struct ooc_client *client, int timeout_ms)
 			r = client->state == SESSION_LIVE ? -ETIMEDOUT : -ENOTCONN;
 			break;
 		}
-		/* From here on the daemon is asked to wake us: the same set is said once more. */
+		/* From here on the daemon is asked to wake us. */
 		client->waiting = true;
 		set_flush(client);
 		session_pause(client, deadline_ns);

@@ -127,8 +127,9 @@ struct set {
 	size_t entry_count;
 	uint64_t given;        /* its serial; 0: none was given yet */
 	bool unsaid;           /* not sent to its end in this session */
-	bool said_with_events; /* the newest set sent asked for them */
+	bool said_with_events; /* the daemon tells of the newest set sent */
 	bool recalled; /* the next one given is a new one, so that what is drawn now can be retired */
+	bool answer_owed;    /* to a RECALL */
 	uint64_t sent;       /* newest set sent in this session, else one that no node has */
 	uint64_t unanswered; /* sent, and not seen acknowledged; 0: none */
 	uint64_t saying;   /* serial of a set of which only the first messages are sent; 0: none */
@@ -290,7 +291,7 @@ bool set_wants_events(const struct ooc_client *client);
 /** Takes a closed store's nodes out. */
 void set_drop_store(struct ooc_client *client, const struct ooc_store *store);
 
-/** The daemon needs room: the set is said again, which gives back what may not be kept. */
+/** The daemon needs room: it is answered, which gives back what may not be kept. */
 void set_take_recall(struct ooc_client *client);
 
 void set_take_not_now(struct ooc_client *client, const struct wire_not_now *message);

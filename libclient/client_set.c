@@ -164,6 +164,7 @@ void set_restart(struct ooc_client *client)
 	/* Holds of the session before are gone with it: there is nothing to retire. */
 	set->retire_unsent = 0;
 	set->retire_sent = 0;
+	set->answer_owed = false;
 	set->sent_count = 0;
 }
 
@@ -233,18 +234,34 @@ static bool set_is_unanswered(const struct ooc_client *client)
 static int retire_flush(struct ooc_client *client)
 {
 	struct set *set = &client->set;
-	struct wire_retire message = { .serial = set->retire_unsent };
+	struct wire_retire message = { .serial = u64_max(set->retire_unsent, set->retire_sent) };
 	int r;
 
-	if (set->retire_unsent == 0)
+	if (set->retire_unsent == 0 && !set->answer_owed)
 		return 0;
+	/* A caller maps again after each dispatch: it draws nothing that it looked at before. */
+	if (set->answer_owed && !client->keep_drawing)
+		message.serial = set->sent + 1;
 	wire_header_init(&message.header, WIRE_RETIRE, sizeof(message));
 	r = session_send(client, &message, sizeof(message), NULL, 0);
 	if (r < 0)
 		return r;
-	set->retire_sent = set->retire_unsent;
+	set->retire_sent = u64_max(set->retire_unsent, set->retire_sent);
 	set->retire_unsent = 0;
+	set->answer_owed = false;
 	return 0;
+}
+
+/* Nothing wakes a caller that sleeps now and did not when its set was said. */
+static void listen_flush(struct ooc_client *client)
+{
+	struct wire_listen message;
+
+	if (client->set.said_with_events || !set_wants_events(client))
+		return;
+	wire_header_init(&message.header, WIRE_LISTEN, sizeof(message));
+	if (session_send(client, &message, sizeof(message), NULL, 0) == 0)
+		client->set.said_with_events = true;
 }
 
 void set_flush(struct ooc_client *client)
@@ -254,10 +271,12 @@ void set_flush(struct ooc_client *client)
 
 	if (client->state != SESSION_LIVE || retire_flush(client) < 0)
 		return;
-	if (!set->unsaid && (set->said_with_events || !set_wants_events(client)))
-		return;
 	if (set->given == 0)
 		return;
+	if (!set->unsaid) {
+		listen_flush(client);
+		return;
+	}
 	/*
 	 * One unanswered set at a time keeps a busy daemon from working through sets that are old by
 	 * then.  But nothing wakes a caller that sleeps when the answer comes: its set goes at once.
@@ -335,10 +354,8 @@ void set_take_recall(struct ooc_client *client)
 {
 	struct set *set = &client->set;
 
-	/* Said again it retires what was drawn: a caller maps again after each dispatch.  A caller that
-	 * keeps drawing retires the next set that it gives, which must then be another one. */
-	set->unsaid = true;
-	set->saying = 0;
+	set->answer_owed = true;
+	/* A caller that keeps drawing retires the next set that it gives, which must be another one. */
 	set->recalled = client->keep_drawing;
 }
 

@@ -34,6 +34,7 @@ static const struct wire_rule wire_rules[] = {
 	[WIRE_STATUS] = { "STATUS", WIRE_FROM_CLIENT, sizeof(struct wire_status), 0, 0 },
 	[WIRE_ADMIN] = { "ADMIN", WIRE_FROM_CLIENT, sizeof(struct wire_admin), sizeof(uint32_t),
 			 0 },
+	[WIRE_LISTEN] = { "LISTEN", WIRE_FROM_CLIENT, sizeof(struct wire_listen), 0, 0 },
 	[WIRE_WELCOME] = { "WELCOME", WIRE_FROM_DAEMON, sizeof(struct wire_welcome), 0, 1 },
 	[WIRE_OPENED] = { "OPENED", WIRE_FROM_DAEMON, sizeof(struct wire_opened), 0, 3 },
 	[WIRE_SEGMENT] = { "SEGMENT", WIRE_FROM_DAEMON, sizeof(struct wire_segment), 0, 1 },

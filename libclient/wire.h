@@ -45,6 +45,7 @@ enum wire_type {
 	WIRE_PREFETCH = 6, /* not answered */
 	WIRE_STATUS = 7,   /* answered by TEXT, NODES or ERROR */
 	WIRE_ADMIN = 8,    /* answered by TEXT or ERROR */
+	WIRE_LISTEN = 9,   /* answered by EVENT */
 	/* daemon to client */
 	WIRE_WELCOME = 64, /* + session page */
 	WIRE_OPENED = 65,  /* + HS, directory, grants */
@@ -129,6 +130,11 @@ struct wire_set {
 };
 
 /** Sets before `serial` are no longer drawn: what neither it nor a later set has is given back. */
+/** The header alone. */
+struct wire_listen {
+	struct wire_header header;
+};
+
 struct wire_retire {
 	struct wire_header header;
 	uint64_t serial;

@@ -118,6 +118,11 @@ struct fills *fills_destroy(struct fills *fills)
 	return NULL;
 }
 
+uint64_t fills_released_bytes(const struct fills *fills)
+{
+	return fills->cache->released_bytes;
+}
+
 void fills_set_fetch(struct fills *fills, struct fetch *fetch)
 {
 	fills->fetch = fetch;

@@ -51,6 +51,9 @@ int fills_create(struct cache *cache, struct workers *workers, fills_ended_fn en
 /** Nothing may be in flight.  NULL is allowed.  Returns: NULL. */
 struct fills *fills_destroy(struct fills *fills);
 
+/** Of the cache: grows whenever room may have appeared. */
+uint64_t fills_released_bytes(const struct fills *fills);
+
 /** The fetch layer, whose done function is fills_read_done() with the fills as argument. */
 void fills_set_fetch(struct fills *fills, struct fetch *fetch);
 void fills_read_done(void *fills, uint64_t tag, int error);

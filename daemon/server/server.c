@@ -53,19 +53,12 @@ static void check_now_and_then(struct server *server)
 #endif
 }
 
-static int on_division(sd_event_source *source, uint64_t now_us, void *arg)
+static int on_wake(sd_event_source *source, uint64_t now_us, void *arg)
 {
 	(void)source;
 	(void)now_us;
 	server_active(arg);
 	return 0;
-}
-
-static void settle_later(struct server *server)
-{
-	(void)sd_event_source_set_time(server->division_source,
-				       server->division_after_ns / NS_PER_US + 1);
-	(void)sd_event_source_set_enabled(server->division_source, SD_EVENT_ONESHOT);
 }
 
 /*
@@ -79,13 +72,38 @@ static void settle(struct server *server)
 	if (!room_is_unsettled(&server->room))
 		return;
 	now_ns = clock_now_ns();
-	if (server->room.divided && now_ns < server->division_after_ns) {
-		settle_later(server);
+	if (server->room.divided && now_ns < server->division_after_ns)
 		return;
-	}
 	division_settle(&server->room);
 	server->division_after_ns = clock_now_ns();
 	server->division_after_ns += (server->division_after_ns - now_ns) * DIVISION_PAUSE;
+}
+
+/* Tells all sessions what they are owed, and sees to the next round where something has to wait for it. */
+static void tell(struct server *server)
+{
+	uint64_t event_pause_ns = server->session_count * EVENT_PAUSE_US * NS_PER_US;
+	uint64_t now_ns = clock_now_ns();
+	uint64_t wake_ns = UINT64_MAX;
+
+	LIST_FOR_EACH (link, &server->sessions) {
+		struct session *session = LIST_ENTRY(link, struct session, link);
+
+		wake_ns = u64_min(wake_ns, session_tell(session, now_ns, event_pause_ns));
+		if (clock_now_ns() < now_ns + TELL_US_MAX * NS_PER_US)
+			continue;
+		/* The others come first in the next round. */
+		list_rotate(&server->sessions, link);
+		server_active(server);
+		break;
+	}
+	/* Sets have changed, or a segment is to be drained, whose holders are told then. */
+	if (!server->stopping && room_is_unsettled(&server->room))
+		wake_ns = u64_min(wake_ns, server->division_after_ns);
+	if (wake_ns == UINT64_MAX)
+		return;
+	(void)sd_event_source_set_time(server->wake_source, wake_ns / NS_PER_US + 1);
+	(void)sd_event_source_set_enabled(server->wake_source, SD_EVENT_ONESHOT);
 }
 
 static int on_round(sd_event_source *source, void *arg)
@@ -101,13 +119,9 @@ static int on_round(sd_event_source *source, void *arg)
 		server_map_inherited(server);
 		residents_retry(&server->residents);
 		queues_pump(&server->queues);
-		/* A segment is to be drained: its holders are told soon. */
-		if (room_is_unsettled(&server->room))
-			settle_later(server);
 	}
 	fetch_flush(server->fetch);
-	LIST_FOR_EACH (link, &server->sessions)
-		session_tell(LIST_ENTRY(link, struct session, link));
+	tell(server);
 	check_now_and_then(server);
 	if (server->stopping && fills_count(server->fills) == 0 &&
 	    workers_job_count(server->workers) == 0)
@@ -483,8 +497,8 @@ static int add_sources(struct server *server)
 	if (r >= 0)
 		r = sd_event_now(event, CLOCK_MONOTONIC, &now_us);
 	if (r >= 0)
-		r = sd_event_add_time(event, &server->division_source, CLOCK_MONOTONIC, 0, 1,
-				      on_division, server);
+		r = sd_event_add_time(event, &server->wake_source, CLOCK_MONOTONIC, 0, 1, on_wake,
+				      server);
 	if (r >= 0)
 		r = sd_event_add_time(event, &server->tick_source, CLOCK_MONOTONIC,
 				      now_us + TICK_US, TICK_ACCURACY_US, on_tick, server);
@@ -602,7 +616,7 @@ struct server *server_destroy(struct server *server)
 	(void)sd_event_source_disable_unref(server->fetch_source);
 	(void)sd_event_source_disable_unref(server->workers_source);
 	(void)sd_event_source_disable_unref(server->round_source);
-	(void)sd_event_source_disable_unref(server->division_source);
+	(void)sd_event_source_disable_unref(server->wake_source);
 	(void)sd_event_source_disable_unref(server->tick_source);
 	(void)sd_event_unref(server->event);
 	listener_close(&server->listener);

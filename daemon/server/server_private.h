@@ -50,7 +50,7 @@ struct server {
 	sd_event_source *fetch_source;
 	sd_event_source *workers_source;
 	sd_event_source *round_source; /* runs when the events that are pending have been handled */
-	sd_event_source *division_source;
+	sd_event_source *wake_source;  /* a round, later */
 	sd_event_source *tick_source;
 
 	struct cache cache;

@@ -146,10 +146,19 @@ void session_tell_segment_gone(struct session *session, const struct served *ser
 
 /* ---- what is owed ---- */
 
+static bool is_event_owed(const struct session *session)
+{
+	const struct visible *visible = &session->visible;
+
+	return session->events && visible->changed &&
+	       (session->event_at_ns == 0 || visible->settled > session->event_settled ||
+		visible->complete > session->event_complete);
+}
+
 static bool is_owed(const struct session *session)
 {
-	return session->visible.untold_count > 0 || session->recall_owed ||
-	       session->question != 0 || (session->events && session->visible.changed);
+	return visible_owes_refusals(&session->visible) || session->recall_owed ||
+	       session->question != 0 || is_event_owed(session);
 }
 
 static void send_refusals(struct session *session)
@@ -233,6 +242,9 @@ static void send_event(struct session *session)
 
 	wire_header_init(&message.header, WIRE_EVENT, sizeof(message));
 	session->visible.changed = false;
+	session->event_settled = visible->settled;
+	session->event_complete = visible->complete;
+	session->event_at_ns = UINT64_MAX;
 	(void)send_message(session, &message, sizeof(message), NULL, 0);
 }
 
@@ -247,12 +259,12 @@ static void pump(struct session *session)
 			return;
 		}
 		session->owed_since_ns = 0;
-		if (session->visible.untold_count > 0) {
+		if (visible_owes_refusals(&session->visible)) {
 			send_refusals(session);
 			visible_settle(&session->visible);
 		} else if (session->recall_owed) {
 			send_recall(session);
-		} else if (session->events && session->visible.changed) {
+		} else if (is_event_owed(session)) {
 			send_event(session);
 		} else if (session->text) {
 			send_text(session);
@@ -464,8 +476,11 @@ static void on_status(struct session *session, const struct wire_status *status)
 
 static void recall(struct session *session, uint64_t now_ns)
 {
-	session->recalled_ns = now_ns;
-	session->recalled_gave = session->visible.given_up_count;
+	if (session->recalled_ns == 0) {
+		session->recalled_ns = now_ns;
+		session->recalled_gave = session->visible.given_up_count;
+	}
+	session->asked_ns = now_ns;
 	session->recall_owed = true;
 }
 
@@ -479,15 +494,16 @@ static void lease_heard(struct session *session)
 }
 
 /* Asks at once where nothing that the client says by itself can be waited for. */
-static void lease_tell(struct session *session)
+static void lease_tell(struct session *session, uint64_t now_ns)
 {
 	const struct visible *visible = &session->visible;
-	uint64_t now_ns;
 
-	if (visible->revoked_count == 0 || !visible->quiet || session->recalled_ns > 0)
+	if (visible->revoked_count == visible->unsure_count || session->recall_owed)
 		return;
-	now_ns = clock_now_ns();
-	if (now_ns - session->heard_ns > RECALL_SILENCE_MS * NS_PER_MS)
+	/* What it says may have been on its way when it was asked: then it is asked again. */
+	if (session->recalled_ns > 0 && session->heard_ns < session->asked_ns)
+		return;
+	if (now_ns > session->heard_ns + RECALL_SILENCE_MS * NS_PER_MS)
 		recall(session, now_ns);
 }
 
@@ -540,6 +556,12 @@ static void on_message(void *arg, const void *message, const int *fds, size_t fd
 		visible_retire(&session->visible, ((const struct wire_retire *)message)->serial);
 		session->calls->active(session->calls_arg);
 		break;
+	case WIRE_LISTEN:
+		session->events = true;
+		session->visible.changed = true;
+		session->event_at_ns = 0;
+		session->calls->active(session->calls_arg);
+		break;
 	case WIRE_PREFETCH:
 		on_prefetch(session, message);
 		break;
@@ -564,6 +586,9 @@ static void on_message(void *arg, const void *message, const int *fds, size_t fd
 		break;
 	}
 	lease_heard(session);
+	/* Who asks for what is there has the answer now, whatever others have to be told in this round. */
+	visible_settle(&session->visible);
+	pump(session);
 }
 
 /* ---- what is told in a round ---- */
@@ -576,17 +601,22 @@ static void on_writable(void *arg)
 void session_retry(struct session *session)
 {
 	visible_retry(&session->visible);
-	if (session->visible.counts[WANT_QUEUED] > 0)
+	if (session->visible.counts[WANT_QUEUED] > 0 && !queues_has_fetch(&session->queue_entry))
 		queues_add_fetch(session->queues, &session->queue_entry);
 }
 
-void session_tell(struct session *session)
+uint64_t session_tell(struct session *session, uint64_t now_ns, uint64_t event_pause_ns)
 {
+	if (session->event_at_ns <= now_ns)
+		session->event_at_ns = 0;
 	if (visible_wants_quiet(&session->visible) && connection_is_quiet(session->connection))
 		visible_note_quiet(&session->visible);
 	visible_settle(&session->visible);
-	lease_tell(session);
+	lease_tell(session, now_ns);
 	pump(session);
+	if (session->event_at_ns == UINT64_MAX)
+		session->event_at_ns = now_ns + event_pause_ns;
+	return session->events && session->visible.changed ? session->event_at_ns : UINT64_MAX;
 }
 
 void session_fill_ended(struct session *session, const struct fill_result *result)

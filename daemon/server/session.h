@@ -96,6 +96,10 @@ struct session {
 	uint32_t prefetch_left;  /* nodes of it */
 
 	bool events; /* the set asks for them */
+	/* What was told by the newest, and when the next one may be sent that tells no more of these. */
+	uint64_t event_settled;
+	uint64_t event_complete;
+	uint64_t event_at_ns;
 	/* The answer on its way, to `question`; 0: none is.  NODES is made when there is room for it. */
 	uint16_t question;
 	char *text; /* NULL: NODES */
@@ -109,6 +113,7 @@ struct session {
 	uint64_t heard_ns;      /* its last message */
 	uint64_t recalled_ns;   /* asked to let go, and has not answered; 0: no */
 	uint64_t recalled_gave; /* visible.given_up_count then */
+	uint64_t asked_ns;      /* to let go, the last time */
 	bool recall_owed;
 };
 
@@ -149,8 +154,14 @@ void session_fill_ended(struct session *session, const struct fill_result *resul
 
 /** Before a round's fetches are begun: tries again what was refused for room. */
 void session_retry(struct session *session);
-/** After them: tells what is owed. */
-void session_tell(struct session *session);
+/**
+ * After them: tells what is owed.
+ *
+ * event_pause_ns:  see EVENT_PAUSE_US.
+ *
+ * Returns: when it wants to be called again, whatever happens; UINT64_MAX: it does not.
+ */
+uint64_t session_tell(struct session *session, uint64_t now_ns, uint64_t event_pause_ns);
 
 /**
  * Once a while: shows that the daemon lives, and how full the cache is; asks for what others need; drops

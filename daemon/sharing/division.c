@@ -8,14 +8,16 @@
 
 /* Shares and charges are in parts of a page, so that the share of one among many is something. */
 #define PAGE_PARTS 256u
-/* Steps in which a walk comes to its share. */
+/* Steps in which a walk comes to its share, and how many of them come before what is kept. */
 #define SHARE_STEPS 16u
+#define SURE_STEPS  15u
 /* What accounts without a guaranteed share have at least, whatever others are promised. */
 #define UNPROMISED_PERMILLE_MIN 50u
 
 struct division {
 	struct room *room;
 	uint64_t left_pages;
+	uint32_t plan_before;
 	struct list walking; /* struct visible.claim_link */
 };
 
@@ -116,8 +118,22 @@ static void plan_retained(struct division *division, struct visible *visible)
 	}
 }
 
-/* Walks on as far as so much pays for.  Returns: false when the walk has ended. */
-static bool walk(struct division *division, struct visible *visible, uint64_t charge)
+/* It is in memory, as the division before wanted it. */
+static bool is_kept(const struct division *division, const struct node *node)
+{
+	return node->plan == division->plan_before &&
+	       (node->state == NODE_HELD || node->state == NODE_BUSY);
+}
+
+/*
+ * Walks on as far as so much pays for.
+ *
+ * kept_only:  passes all that is_kept() does not know.
+ *
+ * Returns: false when the walk has ended.
+ */
+static bool walk(struct division *division, struct visible *visible, uint64_t charge,
+		 bool kept_only)
 {
 	for (; visible->claim_next < visible->count; visible->claim_next++) {
 		const struct want *want = &visible->wants[visible->claim_next];
@@ -126,6 +142,8 @@ static bool walk(struct division *division, struct visible *visible, uint64_t ch
 		/* What is damaged or cannot be read needs no room. */
 		if (node->state == NODE_DAMAGED ||
 		    (want->state == WANT_REFUSED && !visible_is_for_room(want->reason)))
+			continue;
+		if (kept_only && !is_kept(division, node))
 			continue;
 		if (visible->claim_charge +
 			    (uint64_t)room_new_pages(division->room, node) * PAGE_PARTS >
@@ -137,9 +155,39 @@ static bool walk(struct division *division, struct visible *visible, uint64_t ch
 	return false;
 }
 
+/* All walks at the same time, from the first step to the last, or until they have ended. */
+static void walk_all(struct division *division, uint64_t first, uint64_t last, bool kept_only)
+{
+	for (uint64_t step = first; step <= last && !list_is_empty(&division->walking); step++)
+		LIST_FOR_EACH (link, &division->walking) {
+			struct visible *visible = walker_of(link);
+			uint64_t step_charge = u64_max(visible->claim_share / SHARE_STEPS, 1);
+
+			if (!walk(division, visible, step * step_charge, kept_only))
+				list_remove(link);
+		}
+}
+
+/* All sets walk from their beginning: what is planned costs nothing. */
+static void begin_walks(struct division *division)
+{
+	LIST_FOR_EACH (link, &division->room->sets) {
+		struct visible *visible = set_of(link);
+
+		visible->claim_next = 0;
+		list_remove(&visible->claim_link);
+		if (visible->count > 0)
+			list_push_back(&division->walking, &visible->claim_link);
+	}
+}
+
 static void divide(struct room *room)
 {
-	struct division division = { .room = room, .left_pages = room_pages(room) };
+	struct division division = {
+		.room = room,
+		.left_pages = room_pages(room),
+		.plan_before = room->plan,
+	};
 
 	list_init(&division.walking);
 	/* 0 is the plan of nodes that none has ever had. */
@@ -150,20 +198,15 @@ static void divide(struct room *room)
 	LIST_FOR_EACH (link, &room->sets) {
 		struct visible *visible = set_of(link);
 
-		visible->claim_next = 0;
 		visible->claim_charge = 0;
 		plan_retained(&division, visible);
-		if (visible->count > 0)
-			list_push_back(&division.walking, &visible->claim_link);
 	}
-	for (uint64_t step = 1; !list_is_empty(&division.walking); step++)
-		LIST_FOR_EACH (link, &division.walking) {
-			struct visible *visible = walker_of(link);
-			uint64_t step_charge = u64_max(visible->claim_share / SHARE_STEPS, 1);
-
-			if (!walk(&division, visible, step * step_charge))
-				list_remove(link);
-		}
+	begin_walks(&division);
+	walk_all(&division, 1, SURE_STEPS, false);
+	begin_walks(&division);
+	walk_all(&division, SURE_STEPS + 1, UINT64_MAX, true);
+	begin_walks(&division);
+	walk_all(&division, SURE_STEPS + 1, UINT64_MAX, false);
 	room->left_pages = division.left_pages;
 }
 

@@ -9,12 +9,17 @@
  * node does not fit.  So every set has its most important nodes at least up to its share (but for
  * what one payload is too long), and what some do not claim goes to those who want more, by weight.
  *
+ * That would move the ends of all walks a little whenever one set changes, and where many change nobody
+ * would ever have what he was told he may have.  So the walks stop a step before their shares, and what is
+ * planned, in memory and still wanted stays first; only then they go on.  A sixteenth of each share is lent
+ * so, to what is there already.
+ *
  * A payload that several sets want is in the cache once and takes its room once, and is charged to the
  * one whose walk comes to it first; the others have it for nothing, and go on with what that saves them.
  * So what is charged is what is taken, and nobody's sets take more by naming what his other sets name.
  *
- * The plan is a function of the sets, the weights and the budget alone, not of what happens to be in
- * memory.  So it is the same for as long as no set changes: nothing can push back what pushed it out,
+ * Otherwise the plan is a function of the sets, the weights and the budget, and what is kept was planned
+ * before.  So it stays the same for as long as no set changes: nothing can push back what pushed it out,
  * neither between clients nor inside one set, and all reads end.
  *
  * Threads: loop thread.

@@ -61,6 +61,7 @@ static int64_t turn_bytes(const struct queue_entry *entry)
 
 void queues_add_fetch(struct queues *queues, struct queue_entry *entry)
 {
+	entry->room_at_ns = 0;
 	if (!list_is_empty(&entry->fetch_link))
 		return;
 	list_push_back(&queues->fetching, &entry->fetch_link);
@@ -95,9 +96,12 @@ static bool has_waited(const struct queues *queues, const struct queue_want *wan
  */
 static bool turn(struct queues *queues, struct queue_entry *entry)
 {
+	uint64_t released_bytes = fills_released_bytes(queues->fills);
 	struct queue_want want;
 	int r = -EAGAIN;
 
+	if (released_bytes < entry->room_at_bytes && queues->now_ns < entry->room_at_ns)
+		return false;
 	if (entry->turn_bytes <= 0) {
 		entry->turn_bytes += turn_bytes(entry);
 		to_the_end(queues, entry);
@@ -109,7 +113,14 @@ static bool turn(struct queues *queues, struct queue_entry *entry)
 	}
 	if (fills_has_room_for(queues->fills, entry->session, queues->reader_count > 1))
 		r = fills_start(queues->fills, want.served, want.index, entry->session, false);
-	if (r == -EAGAIN || (r == -EBUSY && !has_waited(queues, &want)))
+	if (r == -EBUSY && !has_waited(queues, &want)) {
+		entry->room_at_bytes =
+			released_bytes +
+			(uint64_t)WIRE_PAGE_BYTES * served_pages(want.served, want.index);
+		entry->room_at_ns = queues->now_ns + ROOM_RETRY_MS * NS_PER_MS;
+		return false;
+	}
+	if (r == -EAGAIN)
 		return false;
 	CHECK(r == 0 || r == -ENOBUFS || r == -EBUSY);
 	entry->calls->begun(entry->calls_arg, &want, r);

@@ -50,6 +50,9 @@ struct queue_entry {
 	uint32_t session;
 	bool reads;         /* has asked for a fetch: the disk is shared with it */
 	int64_t turn_bytes; /* left of its turn */
+	/* There is no room for what it wants before the cache has released so much, or until then. */
+	uint64_t room_at_bytes;
+	uint64_t room_at_ns;
 };
 
 struct queues {
@@ -66,8 +69,13 @@ void queue_entry_init(struct queue_entry *entry, const struct queue_calls *calls
 		      uint32_t session, struct account *account);
 void queue_entry_done(struct queues *queues, struct queue_entry *entry);
 
-/** The session may have wants that wait.  Harmless when it has none, or is known. */
+/** The session may have wants that wait, perhaps others than before.  Harmless when it has none. */
 void queues_add_fetch(struct queues *queues, struct queue_entry *entry);
+static inline bool queues_has_fetch(const struct queue_entry *entry)
+{
+	return !list_is_empty(&entry->fetch_link);
+}
+
 void queues_add_prefetch(struct queues *queues, struct queue_entry *entry);
 
 /** Begins what can be begun. */

@@ -68,6 +68,7 @@ err_free:
 static void begin_places(struct visible *visible)
 {
 	memset(visible->counts, 0, sizeof(visible->counts));
+	visible->unanswered_count = 0;
 	visible->untold_count = 0;
 	visible->full_count = 0;
 	visible->next_queued = 0;
@@ -78,6 +79,7 @@ static void place_want(struct visible *visible, const struct want *want, uint32_
 {
 	visible->attachments[want->slot]->want_of_node[want->node] = index + 1;
 	visible->counts[want->state]++;
+	visible->unanswered_count += want_is_unanswered(want);
 	if (want->state != WANT_REFUSED)
 		return;
 	visible->untold_count += want->told != want->reason;
@@ -179,11 +181,13 @@ static struct want make_want(struct visible *visible, const struct wire_entry *e
 		want_count_in(visible, &want);
 		return want;
 	}
-	/* The set came after the socket was quiet, so it was sent after the grants were cleared. */
-	if (before->revoked && retire && visible->quiet)
+	/* The set came after the socket was empty, so it was sent after the grant was cleared. */
+	if (before->is_sure && retire)
 		want_release(visible, before);
 	want.holding = before->holding;
 	want.revoked = before->revoked;
+	want.is_sure = before->is_sure;
+	want.sure = before->sure;
 	want.missed = before->missed;
 	want.queued_ns = before->queued_ns;
 	if (before->state == WANT_REFUSED) {
@@ -193,6 +197,7 @@ static struct want make_want(struct visible *visible, const struct wire_entry *e
 	/* Its hold is the new want's from here on. */
 	before->holding = false;
 	before->revoked = false;
+	before->is_sure = false;
 	return want;
 }
 
@@ -324,10 +329,11 @@ static void retained_remove(struct visible *visible, uint32_t index)
 
 void visible_retire(struct visible *visible, uint64_t serial)
 {
-	serial = u64_min(serial, visible->serial);
+	serial = u64_min(serial, visible->serial + 1);
 	for (uint32_t i = visible->total; i-- > 0;) {
 		struct want *want = &visible->wants[i];
-		bool revoked = want->revoked && visible->quiet && serial > visible->quiet_serial;
+		/* Low halves do: no lease lasts for 2^31 sets. */
+		bool revoked = want->is_sure && (int32_t)((uint32_t)serial - want->sure) > 0;
 		bool retained = want->state == WANT_RETAINED;
 
 		if (!revoked && !(retained && want->serial < serial))
@@ -340,8 +346,16 @@ void visible_retire(struct visible *visible, uint64_t serial)
 
 void visible_note_quiet(struct visible *visible)
 {
-	visible->quiet = true;
-	visible->quiet_serial = visible->serial;
+	for (uint32_t i = 0; visible->unsure_count > 0 && i < visible->total; i++) {
+		struct want *want = &visible->wants[i];
+
+		if (!want->revoked || want->is_sure)
+			continue;
+		want->is_sure = true;
+		want->sure = (uint32_t)visible->serial;
+		visible->unsure_count--;
+	}
+	CHECK(visible->unsure_count == 0);
 }
 
 void visible_retry(struct visible *visible)
@@ -463,7 +477,7 @@ void visible_settle(struct visible *visible)
 	uint64_t serial = visible->serial;
 
 	/* Asked of each session in each round: most have nothing to say. */
-	if (visible->complete == serial || visible_missing_count(visible) > 0 ||
+	if (visible->complete == serial || visible->undecided || visible->unanswered_count > 0 ||
 	    visible->untold_count > 0)
 		return;
 	if (visible->settled < serial) {
@@ -472,7 +486,7 @@ void visible_settle(struct visible *visible)
 		visible->settled = serial;
 		visible->changed = true;
 	}
-	if (visible->counts[WANT_REFUSED] == 0) {
+	if (visible->counts[WANT_REFUSED] == 0 && visible_missing_count(visible) == 0) {
 		atomic_store_explicit(&page->complete, serial, memory_order_release);
 		visible->complete = serial;
 		visible->changed = true;
@@ -491,6 +505,7 @@ static void want_check(const struct visible *visible, uint32_t index)
 	CHECK((want->state == WANT_RETAINED) == (index >= visible->count));
 	CHECK(!granted || (want->holding && !want->revoked && state == NODE_HELD));
 	CHECK(want->holding || !want->revoked);
+	CHECK(want->revoked || !want->is_sure);
 	CHECK(visible->undecided || want->missed == (want->state == WANT_QUEUED));
 	switch (want->state) {
 	case WANT_QUEUED:
@@ -521,7 +536,9 @@ void visible_check(const struct visible *visible)
 	uint32_t counts[WANT_STATE_COUNT_] = { 0 };
 	uint32_t held_count = 0;
 	uint32_t revoked_count = 0;
+	uint32_t unsure_count = 0;
 	uint64_t held_pages = 0;
+	uint32_t unanswered_count = 0;
 	uint32_t untold_count = 0;
 	uint32_t full_count = 0;
 
@@ -533,12 +550,15 @@ void visible_check(const struct visible *visible)
 		counts[want->state]++;
 		held_count += want->holding;
 		revoked_count += want->revoked;
+		unsure_count += want->revoked && !want->is_sure;
 		held_pages += want->holding ? visible_pages_of(visible, want) : 0;
+		unanswered_count += want_is_unanswered(want);
 		untold_count += refused && want->told != want->reason;
 		full_count += refused && visible_is_for_room(want->reason);
 	}
 	CHECK(memcmp(counts, visible->counts, sizeof(counts)) == 0);
 	CHECK(held_count == visible->held_count && held_pages == visible->held_pages);
-	CHECK(revoked_count == visible->revoked_count);
+	CHECK(revoked_count == visible->revoked_count && unsure_count == visible->unsure_count);
+	CHECK(unanswered_count == visible->unanswered_count);
 	CHECK(untold_count == visible->untold_count && full_count == visible->full_count);
 }

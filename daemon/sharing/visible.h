@@ -71,12 +71,14 @@ struct want {
 	uint64_t serial;    /* newest set that has it */
 	uint64_t queued_ns; /* while QUEUED: since */
 	uint32_t node;
-	uint8_t slot; /* of the store */
+	uint32_t sure; /* while is_sure: visible.serial then, its low half */
+	uint8_t slot;  /* of the store */
 	enum want_state state : 8;
 	enum wire_reason reason : 8; /* while REFUSED */
 	enum wire_reason told : 8;   /* the last reason that the client was told in this set */
 	bool holding;
 	bool revoked; /* holding, but its grant was cleared */
+	bool is_sure; /* and the client's socket was seen empty since */
 	bool missed;  /* not there when it was asked for, and nothing has come of it yet */
 };
 
@@ -116,6 +118,8 @@ struct visible {
 	uint64_t complete; /* likewise */
 	uint64_t now_ns;   /* when it was last admitted, as wants are queued then */
 	uint32_t counts[WANT_STATE_COUNT_];
+	uint32_t
+		unanswered_count; /* wants that keep the set from being settled: want_is_unanswered() */
 	uint32_t untold_count;
 	uint32_t next_queued; /* no QUEUED want lies before it */
 	uint32_t next_untold; /* no untold one */
@@ -131,9 +135,8 @@ struct visible {
 	uint64_t claim_charge;
 
 	uint32_t revoked_count;
+	uint32_t unsure_count;   /* of them, what is not sure yet */
 	uint64_t given_up_count; /* revoked holds that were given up, ever */
-	bool quiet; /* since the last revocation the client's socket was seen empty, at quiet_serial */
-	uint64_t quiet_serial;
 
 	struct visible_counters counters;
 	struct debts debts;
@@ -173,13 +176,13 @@ void visible_detach(struct visible *visible, uint32_t slot);
 int visible_take(struct visible *visible, const struct wire_entry *entries, uint32_t entry_count,
 		 uint64_t serial, bool retire);
 
-/** Sets before `serial` are no longer drawn. */
+/** Sets before `serial` are no longer drawn; above the newest: nothing is that was looked at so far. */
 void visible_retire(struct visible *visible, uint64_t serial);
 
 /** Is it worth looking whether the socket is empty? */
 static inline bool visible_wants_quiet(const struct visible *visible)
 {
-	return visible->revoked_count > 0 && !visible->quiet;
+	return visible->unsure_count > 0;
 }
 
 /** Nothing that the client has sent is unread: what comes next was sent after all that was done. */
@@ -197,6 +200,12 @@ void visible_begun(struct visible *visible, const struct queue_want *want, int e
 
 /** A fill has ended (see fills_ended_fn for when). */
 void visible_fill_ended(struct visible *visible, const struct fill_result *result);
+
+/** Is there something for visible_take_refusals()?  What the set before was refused is not decided anew yet. */
+static inline bool visible_owes_refusals(const struct visible *visible)
+{
+	return visible->untold_count > 0 && !visible->undecided;
+}
 
 /**
  * Refusals of the set that the client has not been told of, most important first; they count as told.

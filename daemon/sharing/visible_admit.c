@@ -92,12 +92,13 @@ static void set_revoked(struct visible *visible, struct want *want, bool revoked
 {
 	if (want->revoked == revoked)
 		return;
+	visible->unsure_count += revoked;
+	visible->unsure_count -= want->revoked && !want->is_sure;
 	want->revoked = revoked;
+	want->is_sure = false;
 	visible->revoked_count += revoked ? 1 : -1u;
 	visible->given_up_count += !revoked;
 	room_note_leaving(visible->room, revoked);
-	if (revoked)
-		visible->quiet = false;
 }
 
 static void revoke(struct visible *visible, struct want *want)
@@ -173,9 +174,11 @@ static void set_state(struct visible *visible, struct want *want, enum want_stat
 {
 	visible->counts[want->state]--;
 	visible->counts[state]++;
+	visible->unanswered_count -= want_is_unanswered(want);
 	if (want->state != state)
 		visible->changed = true;
 	want->state = state;
+	visible->unanswered_count += want_is_unanswered(want);
 }
 
 /* The want leaves the state that it is in, which may be REFUSED. */

@@ -19,6 +19,17 @@ static inline void want_record(const struct visible *visible, enum trace_kind ki
 	recorder_want(visible_served_of(visible, want), kind, visible->session, want->node);
 }
 
+/**
+ * On its way, and the client was never told that it cannot have it now.  One that was refused has had
+ * its answer: where others' sets change all the time it is admitted and refused again and again, and
+ * whoever waits for the set would wait for ever.
+ */
+static inline bool want_is_unanswered(const struct want *want)
+{
+	return (want->state == WANT_QUEUED || want->state == WANT_WAITING) &&
+	       want->told == WIRE_REASON_NONE;
+}
+
 /** Counts a node that the set has begun to want: it is there, or missed. */
 void want_count_new(struct visible *visible, struct want *want);
 

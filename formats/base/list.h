@@ -39,6 +39,16 @@ static inline void list_remove(struct list *link)
 	list_init(link);
 }
 
+/** `last` becomes the last of its list, and what follows it comes first. */
+static inline void list_rotate(struct list *head, struct list *last)
+{
+	list_remove(head);
+	head->prev = last;
+	head->next = last->next;
+	last->next->prev = head;
+	last->next = head;
+}
+
 static inline void list_push_back(struct list *head, struct list *link)
 {
 	link->prev = head->prev;

@@ -671,12 +671,14 @@ static void put_want(struct key *key, const struct visible *visible, uint32_t no
 		return;
 	put(key, want->state | want->reason << 4);
 	put(key, (uint32_t)want->holding | (uint32_t)want->revoked << 1 |
-			 (uint32_t)(want->serial == visible->serial) << 2);
+			 (uint32_t)(want->serial == visible->serial) << 2 |
+			 (uint32_t)want->is_sure << 3 |
+			 (uint32_t)(want->is_sure && want->sure == visible->serial) << 4);
 }
 
 /*
  * Left out is what the future does not depend on: what was told (all that is owed is told in each
- * round), where a search begins that finds the same, and quiet where nothing is revoked.
+ * round) and where a search begins that finds the same.
  */
 static void put_visible(struct key *key, const struct world *world, uint32_t r)
 {
@@ -687,9 +689,6 @@ static void put_visible(struct key *key, const struct world *world, uint32_t r)
 	put(key, visible->full_count > 0 ? pages_ahead(world, visible->retry_at_bytes) : 0);
 	put(key, (uint32_t)(visible->serial == world->readers[r].serial) |
 			 (uint32_t)(visible->serial == 0) << 1);
-	if (visible->revoked_count > 0)
-		put(key, (uint32_t)visible->quiet |
-				 (uint32_t)(visible->quiet_serial == visible->serial) << 1);
 }
 
 static void put_reader(struct key *key, const struct world *world, uint32_t r)

@@ -361,6 +361,7 @@ static void no_fetch_waits_for_room_for_ever(void **state)
 	assert_int_equal(caller->refused_count, 0);
 
 	caller->wanted_before_ns = (ROOM_WAIT_MS_MAX + 1) * NS_PER_MS;
+	queues_add_fetch(&fixture->queues, &caller->entry);
 	pump(fixture);
 	assert_int_equal(caller->refused_count, fixture->node_count - held_count);
 	for (uint32_t i = 0; i < held_count; i++)

@@ -109,9 +109,10 @@ static void error_fill(struct wire_error *message)
 }
 
 static const enum wire_type types[WIRE_SAMPLE_COUNT] = {
-	WIRE_HELLO,   WIRE_OPEN,    WIRE_CLOSE,  WIRE_SET,     WIRE_RETIRE,       WIRE_PREFETCH,
-	WIRE_STATUS,  WIRE_WELCOME, WIRE_OPENED, WIRE_SEGMENT, WIRE_SEGMENT_GONE, WIRE_EVENT,
-	WIRE_NOT_NOW, WIRE_TEXT,    WIRE_ERROR,  WIRE_ADMIN,   WIRE_NODES,        WIRE_RECALL,
+	WIRE_HELLO,        WIRE_OPEN,   WIRE_CLOSE,   WIRE_SET,    WIRE_RETIRE,
+	WIRE_PREFETCH,     WIRE_STATUS, WIRE_WELCOME, WIRE_OPENED, WIRE_SEGMENT,
+	WIRE_SEGMENT_GONE, WIRE_EVENT,  WIRE_NOT_NOW, WIRE_TEXT,   WIRE_ERROR,
+	WIRE_ADMIN,        WIRE_NODES,  WIRE_RECALL,  WIRE_LISTEN,
 };
 
 /* Fills the body.  Returns: the message's length. */
@@ -141,6 +142,8 @@ static size_t body_fill(enum wire_type type)
 	case WIRE_RETIRE:
 		retire->serial = 0x1112131415161718;
 		return sizeof(*retire);
+	case WIRE_LISTEN:
+		return sizeof(struct wire_listen);
 	case WIRE_PREFETCH:
 		return prefetch_fill((void *)memory);
 	case WIRE_STATUS:

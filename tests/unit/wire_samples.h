@@ -8,7 +8,7 @@
 
 #include "libclient/wire.h"
 
-#define WIRE_SAMPLE_COUNT 18u
+#define WIRE_SAMPLE_COUNT 19u
 
 struct wire_sample {
 	enum wire_side side;
