@@ -47,7 +47,7 @@ static const char usage_text[] =
 	"  --idle-exit SECONDS   end when nobody has been connected for so long\n"
 	"  --idle-close SECONDS  close a store that nobody has had open for so long (300)\n"
 	"  --replacement NAME    which payloads go first when room is needed: lru, those unused for\n"
-	"                        the longest, or reuse, what was learned where that reads less (lru)\n"
+	"                        the longest, or reuse, what was learned where that reads less (reuse)\n"
 	"  --trace FILE          write what clients ask and what the cache does\n"
 	"  --verbose             say more\n"
 	"  --help, --version\n"
