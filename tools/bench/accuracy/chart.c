@@ -13,6 +13,7 @@
 #include "tools/bench/accuracy/flip.h"
 #include "tools/bench/base/figures.h"
 #include "tools/bench/base/measure.h"
+#include "tools/bench/path/path.h"
 
 /* More than this in a channel is a difference that somebody could see. */
 #define COLOUR_THRESHOLD 8u
@@ -33,25 +34,6 @@ struct viewing {
 	char frames[PATH_MAX];
 	char stats[PATH_MAX];
 };
-
-static int path_write(const char *path, const struct camera *cameras, size_t count, struct why *why)
-{
-	FILE *file = fopen(path, "we");
-	bool failed;
-
-	if (!file)
-		return why_errno(why, -errno, "%s", path);
-	fprintf(file, "%s\n", camera_path_header);
-	for (size_t i = 0; i < count; i++) {
-		char row[CAMERA_ROW_BYTES];
-
-		fprintf(file, "%s\n", camera_to_row(&cameras[i], row));
-	}
-	failed = ferror(file) != 0;
-	if (fclose(file) != 0 || failed)
-		return why_set(why, -EIO, "%s: cannot be written", path);
-	return 0;
-}
 
 /* Runs oocview over a path with a setting's options (NULL: the full mode). */
 static int view(const struct chart_options *options, const struct chart_setting *setting,

@@ -4,6 +4,7 @@
 #include <errno.h>
 #include <math.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -319,4 +320,24 @@ void path_done(struct path *path)
 {
 	free(path->cameras);
 	*path = (struct path){ .cameras = NULL };
+}
+
+int path_write(const char *name, const struct camera *cameras, size_t count, struct why *why)
+{
+	FILE *file = name ? fopen(name, "we") : stdout;
+	bool failed;
+
+	if (!file)
+		return why_errno(why, -errno, "%s", name);
+	fprintf(file, "%s\n", camera_path_header);
+	for (size_t i = 0; i < count; i++) {
+		char row[CAMERA_ROW_BYTES];
+
+		fprintf(file, "%s\n", camera_to_row(&cameras[i], row));
+	}
+	failed = fflush(file) != 0 || ferror(file);
+	if (name && fclose(file) != 0)
+		failed = true;
+	return failed ? why_set(why, -EIO, "%s: cannot be written", name ? name : "standard output")
+		      : 0;
 }

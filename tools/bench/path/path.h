@@ -44,4 +44,7 @@ int path_make(const char *store, enum path_kind kind, size_t frame_count, uint64
 	      struct path *ret, struct why *why);
 void path_done(struct path *path);
 
+/** Writes cameras as CSV to a file, or to standard output where it is NULL.  Returns: 0, -EIO or -errno. */
+int path_write(const char *name, const struct camera *cameras, size_t count, struct why *why);
+
 #endif /* TOOLS_BENCH_PATH_PATH_H */

@@ -1,14 +1,10 @@
 /* SPDX-License-Identifier: MIT */
 /* oocbench path: camera paths through or around a store, as CSV. */
-#include <errno.h>
 #include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <unistd.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
 
-#include "formats/base/text.h"
-#include "libclient/select/camera.h"
 #include "tools/bench/base/arguments.h"
 #include "tools/bench/base/report.h"
 #include "tools/bench/base/verb.h"
@@ -44,28 +40,6 @@ static const char help[] =
 	"Example:\n"
 	"  oocbench path plant.ooc --kind walk --frames 900 --seed 2 -o walk.csv\n"
 	"  oocview plant.ooc --path walk.csv\n";
-
-static int path_write(const struct path_options *options, const struct path *result,
-		      struct why *why)
-{
-	FILE *file = options->output ? fopen(options->output, "we") : stdout;
-	bool failed;
-
-	if (!file)
-		return why_errno(why, -errno, "%s", options->output);
-	fprintf(file, "%s\n", camera_path_header);
-	for (size_t i = 0; i < result->camera_count; i++) {
-		char row[CAMERA_ROW_BYTES];
-
-		fprintf(file, "%s\n", camera_to_row(&result->cameras[i], row));
-	}
-	failed = fflush(file) != 0 || ferror(file);
-	if (options->output && fclose(file) != 0)
-		failed = true;
-	return failed ? why_set(why, -EIO, "%s: cannot be written",
-				options->output ? options->output : "standard output")
-		      : 0;
-}
 
 static void path_report(const struct path_options *options, const struct path *result)
 {
@@ -114,7 +88,7 @@ int verb_path(int argc, char **argv)
 	r = path_make(options.store, options.kind, options.frame_count, options.seed, &result,
 		      &why);
 	if (r == 0)
-		r = path_write(&options, &result, &why);
+		r = path_write(options.output, result.cameras, result.camera_count, &why);
 	if (r == 0 && options.is_json)
 		path_report(&options, &result);
 	path_done(&result);
