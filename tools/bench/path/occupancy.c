@@ -16,6 +16,8 @@
 #define SIDE_MAX 2000.0
 /** Points of a triangle are this far apart, in voxels. */
 #define SAMPLE_DISTANCE 0.5
+/** Of a triangle with fewer, looking for what lies outside costs more than it saves. */
+#define CLIPPED_STEPS 16u
 
 static void region_whole(const struct occupancy *occupancy,
 			 const struct store_superblock *superblock, struct occupancy_region *ret)
@@ -81,6 +83,65 @@ static bool point_find(const struct occupancy *occupancy, const double point[3],
 	return true;
 }
 
+/*
+ * The part of a row of points, from + v * along, that may be in the grid: v in [*low, *high], which is
+ * narrowed.  Returns: is there one?
+ */
+static bool row_clip(const struct occupancy *occupancy, const double from[3], const double along[3],
+		     double *low, double *high)
+{
+	for (unsigned i = 0; i < 3; i++) {
+		unsigned axis = occupancy->world[i];
+		double near = occupancy->corner[i] - from[axis];
+		double far = near + occupancy->size[i] * occupancy->voxel;
+
+		if (along[axis] == 0.0) {
+			if (near > 0.0 || far < 0.0)
+				return false;
+			continue;
+		}
+		*low = fmax(*low, fmin(near / along[axis], far / along[axis]));
+		*high = fmin(*high, fmax(near / along[axis], far / along[axis]));
+	}
+	return *low <= *high;
+}
+
+/*
+ * Marks the voxels of a triangle by points all over it, in rows.  Of a triangle that is far larger than
+ * the grid (the ground that a building stands on) nearly all rows and points lie outside.
+ */
+static void points_mark(struct occupancy *occupancy, const double corners[3][3], uint32_t steps)
+{
+	double along[3];
+
+	for (unsigned k = 0; k < 3; k++)
+		along[k] = corners[2][k] - corners[0][k];
+	for (uint32_t i = 0; i <= steps; i++) {
+		double u = (double)i / steps;
+		double low = 0.0;
+		double high = 1.0 - u;
+		double from[3];
+		uint32_t at[3];
+
+		for (unsigned k = 0; k < 3; k++)
+			from[k] = corners[0][k] + u * (corners[1][k] - corners[0][k]);
+		if (steps > CLIPPED_STEPS && !row_clip(occupancy, from, along, &low, &high))
+			continue;
+		/* A point more at either end: rounding takes none that is inside. */
+		for (uint32_t j = (uint32_t)fmax(0.0, floor(low * steps) - 1.0);
+		     j <= steps - i && j <= high * steps + 1.0; j++) {
+			double v = (double)j / steps;
+			double point[3];
+
+			for (unsigned k = 0; k < 3; k++)
+				point[k] = from[k] + v * along[k];
+			if (point_find(occupancy, point, at))
+				occupancy->full[occupancy_index(occupancy, at[0], at[1], at[2])] =
+					1;
+		}
+	}
+}
+
 static void triangle_mark(struct occupancy *occupancy, const double corners[3][3])
 {
 	double longest = 0.0;
@@ -107,20 +168,7 @@ static void triangle_mark(struct occupancy *occupancy, const double corners[3][3
 	if (point_find(occupancy, corners[0], at))
 		occupancy->detail[(size_t)at[1] * occupancy->size[0] + at[0]]++;
 	steps = (uint32_t)ceil(longest / (SAMPLE_DISTANCE * occupancy->voxel));
-	steps = steps > 0 ? steps : 1;
-	for (uint32_t i = 0; i <= steps; i++)
-		for (uint32_t j = 0; j <= steps - i; j++) {
-			double u = (double)i / steps;
-			double v = (double)j / steps;
-			double point[3];
-
-			for (unsigned k = 0; k < 3; k++)
-				point[k] = corners[0][k] + u * (corners[1][k] - corners[0][k]) +
-					   v * (corners[2][k] - corners[0][k]);
-			if (point_find(occupancy, point, at))
-				occupancy->full[occupancy_index(occupancy, at[0], at[1], at[2])] =
-					1;
-		}
+	points_mark(occupancy, corners, steps > 0 ? steps : 1);
 }
 
 static void payload_mark(struct occupancy *occupancy, const void *payload)
