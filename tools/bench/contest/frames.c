@@ -328,41 +328,48 @@ static double count_system_calls(const struct frames_config *config, unsigned sh
 
 /* ---- one client ---- */
 
-int frames_measure_one(const struct frames_config *config, struct frames_one *ret, struct why *why)
+/* Frames of one share, [first, end). */
+static int turn_measure(const struct frames_config *config, struct holder *holder,
+			struct floor *floor, unsigned share_percent, size_t first, size_t end,
+			struct frames_cost *ret, struct why *why)
 {
 	uint64_t frame_ns = (uint64_t)((double)NS_PER_S / config->rate);
+	uint64_t end_ns = clock_now_ns();
+
+	for (size_t i = first; i < end; i++) {
+		int r;
+
+		end_ns += frame_ns;
+		ret->floor_us[i] = floor_measure(floor, holder, share_percent);
+		wait_until(end_ns - frame_ns / 2);
+		r = frame_measure(holder, share_percent, end_ns, &ret->set_us[i], &ret->map_us[i]);
+		if (r < 0)
+			return holder_failed(holder, r, why);
+		if (measure_was_cancelled())
+			return why_set(why, -ECANCELED, "interrupted");
+	}
+	return 0;
+}
+
+int frames_measure_one(const struct frames_config *config, struct frames_one *ret, struct why *why)
+{
+	size_t count = config->frame_count;
 	struct holder holder = { 0 };
 	struct floor floor = { .fd = -1 };
-	uint64_t end_ns;
 	int r = holder_init(&holder, config, why);
 
 	memset(ret, 0, sizeof(*ret));
 	if (r == 0)
 		r = floor_init(&floor, &holder, why);
 	for (unsigned s = 0; r == 0 && s < FRAMES_SHARE_COUNT; s++) {
-		ret->costs[s].floor_us = calloc(config->frame_count, sizeof(double));
-		if (!ret->costs[s].floor_us || cost_make(&ret->costs[s], config->frame_count) < 0)
+		ret->costs[s].floor_us = calloc(count, sizeof(double));
+		if (!ret->costs[s].floor_us || cost_make(&ret->costs[s], count) < 0)
 			r = why_set(why, -ENOMEM, "out of memory");
 	}
-	end_ns = clock_now_ns();
-	for (size_t i = 0; r == 0 && i < FRAMES_SHARE_COUNT * config->frame_count; i++) {
-		size_t turn = i / TURN_FRAMES;
-		unsigned s = turn % FRAMES_SHARE_COUNT;
-		struct frames_cost *cost = &ret->costs[s];
-		size_t at = turn / FRAMES_SHARE_COUNT * TURN_FRAMES + i % TURN_FRAMES;
-
-		end_ns += frame_ns;
-		/* The last turns are cut where the number of frames is no multiple of theirs. */
-		at = at < cost->count ? at : cost->count - 1;
-		cost->floor_us[at] = floor_measure(&floor, &holder, frames_shares[s]);
-		wait_until(end_ns - frame_ns / 2);
-		r = frame_measure(&holder, frames_shares[s], end_ns, &cost->set_us[at],
-				  &cost->map_us[at]);
-		if (r < 0)
-			r = holder_failed(&holder, r, why);
-		else if (measure_was_cancelled())
-			r = why_set(why, -ECANCELED, "interrupted");
-	}
+	for (size_t first = 0; r == 0 && first < count; first += TURN_FRAMES)
+		for (unsigned s = 0; r == 0 && s < FRAMES_SHARE_COUNT; s++)
+			r = turn_measure(config, &holder, &floor, frames_shares[s], first,
+					 u64_min(first + TURN_FRAMES, count), &ret->costs[s], why);
 	ret->held_count = holder.held_count;
 	holder_done(&holder);
 	floor_done(&floor);
