@@ -275,7 +275,7 @@ static int fetch_fio(const struct fetch *fetch, const struct half *half, double 
 	return r;
 }
 
-/* Both, the one first in even repeats and the other in odd ones. */
+/* Both; who is first changes every two repeats, since every one is of the other half. */
 static int fetch_repeat(struct fetch *fetch, uint64_t repeat, struct why *why)
 {
 	/* The half that the cache does not hold. */
@@ -410,7 +410,7 @@ static int fetch_make(struct fetch *fetch, struct why *why)
 	fetch->fio_cpu_seconds = calloc(count, sizeof(double));
 	fetch->cold_shares = calloc(count, sizeof(double));
 	if (!fetch->daemon_rates || !fetch->fio_rates || !fetch->ratios || !fetch->cpu_seconds ||
-	    !fetch->cold_shares)
+	    !fetch->fio_cpu_seconds || !fetch->cold_shares)
 		r = why_set(why, -ENOMEM, "out of memory");
 	else
 		r = fetch_run(fetch, why);

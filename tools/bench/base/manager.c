@@ -161,9 +161,12 @@ int manager_create(const char *folder, struct manager **ret, struct why *why)
 	if (r == 0)
 		r = bind_at(absolute, "notify", SOCK_DGRAM, manager->notify_path,
 			    &manager->notify_fd, why);
-	if (r == 0)
+	if (r == 0) {
 		r = -pthread_create(&manager->thread, NULL, listen_thread, manager);
-	manager->has_thread = r == 0;
+		manager->has_thread = r == 0;
+		if (r < 0)
+			r = why_errno(why, r, "a thread");
+	}
 	if (r < 0)
 		manager = manager_destroy(manager);
 	*ret = manager;
@@ -245,8 +248,10 @@ static _Noreturn void exec_daemon(struct manager *manager, const char *program,
 	(void)setenv("LISTEN_FDNAMES", names, 1);
 	(void)setenv("NOTIFY_SOCKET", manager->notify_path, 1);
 	(void)setenv("WATCHDOG_USEC", WATCHDOG_USEC, 1);
-	for (uint32_t i = 0; options[i] && i < OPTIONS_MAX; i++)
+	for (uint32_t i = 0; options[i]; i++) {
+		CHECK(i < OPTIONS_MAX);
 		argv[i + 1] = options[i];
+	}
 	(void)execv(program, (char *const *)(uintptr_t)argv);
 	_exit(127);
 }

@@ -33,7 +33,7 @@ struct manager *manager_destroy(struct manager *manager);
  * Starts oocd and waits until it says that it is ready.  None may run.
  *
  * program:  its path.
- * options:  of the command line, NULL at the end.
+ * options:  of the command line, at most 16, NULL at the end.
  *
  * Returns: 0, -ETIMEDOUT or -errno.
  */

@@ -104,6 +104,7 @@ int measure_start(const char *const *argv, struct measure_child *ret, struct why
 	int error;
 	pid_t pid;
 
+	*ret = (struct measure_child){ .output_fd = -1 };
 	if (output_fd < 0 || pipe2(pipe_fds, O_CLOEXEC) < 0)
 		return why_errno(why, -errno, "%s cannot be started", argv[0]);
 	error_read = pipe_fds[0];
@@ -170,6 +171,8 @@ int measure_finish(struct measure_child *child, struct measure_result *ret, stru
 		free(ret->output);
 		if (measure_was_cancelled())
 			return why_set(why, -ECANCELED, "interrupted");
+		if (WIFEXITED(status) && WEXITSTATUS(status) == 0)
+			return why_set(why, -ENOMEM, "what it said cannot be read");
 		if (WIFSIGNALED(status))
 			return why_set(why, -ECHILD, "it was ended by signal %d", WTERMSIG(status));
 		return why_set(why, -ECHILD, "it failed with exit status %d; see its message above",

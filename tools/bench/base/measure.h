@@ -51,7 +51,8 @@ int measure_start(const char *const *argv, struct measure_child *ret, struct why
 /**
  * Waits until it ends.
  *
- * Returns: 0, -ECHILD when it failed (by status or signal), -ECANCELED when we were interrupted.
+ * Returns: 0, -ECHILD when it failed (by status or signal), -ENOMEM when it said too much, -ECANCELED
+ *	when we were interrupted.
  * Ownership: *ret ends with measure_result_done() on success.
  */
 int measure_finish(struct measure_child *child, struct measure_result *ret, struct why *why);

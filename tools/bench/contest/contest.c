@@ -95,14 +95,15 @@ static int run_walk(const struct contestant *contestant, void *self,
 	return 0;
 }
 
-/* Tells that it is ready, then runs when it is told to, until the other side hangs up. */
+/* Opens, if nothing has gone wrong yet; tells that it is ready, then runs when it is told to, until the other side hangs up. */
 static void contestant_live(const struct contestant *contestant,
 			    const struct contest_config *config, int fd, struct shared *shared)
 {
 	void *self = NULL;
 	char byte = 0;
 
-	shared->error = contestant->open(config, &self, &shared->why);
+	if (shared->error == 0)
+		shared->error = contestant->open(config, &self, &shared->why);
 	if (shared->error < 0) {
 		(void)!write(fd, &byte, 1);
 		return;
@@ -164,8 +165,9 @@ int contest_enter(const struct contestant *contestant, const struct contest_conf
 	if (r == 0 && seat->pid == 0) {
 		(void)prctl(PR_SET_PDEATHSIG, SIGTERM);
 		(void)fd_close(fds[0]);
-		if (config->limit_bytes == 0 || memory_box_enter(&seat->box, why) == 0)
-			contestant_live(contestant, config, fds[1], seat->shared);
+		if (config->limit_bytes > 0)
+			seat->shared->error = memory_box_enter(&seat->box, &seat->shared->why);
+		contestant_live(contestant, config, fds[1], seat->shared);
 		_exit(0);
 	}
 	if (r == 0 && seat->pid < 0)

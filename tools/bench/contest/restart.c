@@ -150,6 +150,8 @@ static int copy_store(struct restart *restart, struct why *why)
 		return why_errno(why, -errno, "%s", from < 0 ? restart->config->store : path);
 	while (n > 0 && !measure_was_cancelled())
 		n = copy_file_range(from, NULL, to, NULL, SSIZE_MAX & ~(size_t)4095, 0);
+	if (measure_was_cancelled())
+		return why_set(why, -ECANCELED, "interrupted");
 	return n < 0 ? why_errno(why, -errno, "%s", path) : 0;
 }
 
@@ -316,6 +318,7 @@ static double seconds_since(uint64_t begin_ns)
 static int first_frame(const struct restart *restart, struct looker *ret, struct why *why)
 {
 	size_t count = frame_node_count(restart);
+	struct ooc_progress progress;
 	int r = looker_init(restart, count, ret, why);
 
 	if (r < 0)
@@ -323,10 +326,14 @@ static int first_frame(const struct restart *restart, struct looker *ret, struct
 	r = looker_want(ret, 0, count);
 	if (r == 0)
 		r = ooc_wait(ret->client, FRAME_WAIT_MS);
-	if (r < 0) {
+	if (r < 0)
 		r = looker_failed(ret, r, why);
+	ooc_progress(ret->client, &progress);
+	if (r == 0 && !progress.complete)
+		r = why_set(why, -ENOBUFS, "%zu of %zu nodes were answered \"not now\"",
+			    progress.refused_count, progress.want_count);
+	if (r < 0)
 		looker_done(ret);
-	}
 	return r;
 }
 

@@ -33,7 +33,10 @@ static int read_rollup(pid_t pid, const char *key, double *ret)
 		is_found = true;
 	}
 	(void)fclose(file);
-	return is_found ? (*ret = bytes, 0) : -ENODATA;
+	if (!is_found)
+		return -ENODATA;
+	*ret = bytes;
+	return 0;
 }
 
 static int viewer_start(const struct viewers_config *config, struct measure_child *ret,
