@@ -108,10 +108,13 @@ static bool add_option(struct arguments *arguments, const char *key, const char 
 /* Returns: -1 to go on, or the exit status. */
 static int parse_arguments(int argc, char **argv, struct arguments *ret)
 {
+	static char program[] = "oocd";
 	bool ok = true;
 	int index = 0;
 	int code;
 
+	/* getopt_long() puts it in front of what it says. */
+	argv[0] = program;
 	while (ok && (code = getopt_long(argc, argv, "", options, &index)) != -1) {
 		switch (code) {
 		case OPTION_HELP:

@@ -38,11 +38,10 @@ static int file_open(struct ooc_client *client, const char *path)
 	/* Whatever stands there, opening it must not wait. */
 	fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
 	if (fd < 0)
-		return why_errno(&client->why, -errno, "cannot open %s", path);
+		return why_errno(&client->why, -errno, "cannot be opened");
 	if (fstat(fd, &status) < 0 || !S_ISREG(status.st_mode)) {
 		(void)fd_close(fd);
-		return why_set(&client->why, -EUCLEAN, "%s is no store: it is no regular file",
-			       path);
+		return why_set(&client->why, -EUCLEAN, "is no store: it is no regular file");
 	}
 	return fd;
 }
@@ -224,8 +223,7 @@ static int wait_for_answer(struct ooc_store *store)
 		if (store->state == STORE_OPEN || store->state == STORE_LOST)
 			break;
 		if (clock_now_ns() >= deadline_ns)
-			return why_set(&client->why, -ETIMEDOUT, "the daemon does not open %s",
-				       store->path);
+			return why_set(&client->why, -ETIMEDOUT, "the daemon does not open it");
 		session_pause(client, deadline_ns);
 	}
 	return store->state == STORE_LOST ? store->error : 0;

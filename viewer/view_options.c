@@ -478,9 +478,12 @@ enum options_verdict options_read(struct options *ret, int argc, char **argv)
 		.error_percent = -1.0,
 		.repeat_count = 1,
 	};
+	static char program[] = "oocview";
 	struct given given = { .speed = 1.0 };
 	int key;
 
+	/* getopt_long() puts it in front of what it says. */
+	argv[0] = program;
 	take_preset(&options, argc, argv);
 	while ((key = getopt_long(argc, argv, "hV", long_options, NULL)) != -1) {
 		switch (key) {
@@ -492,6 +495,7 @@ enum options_verdict options_read(struct options *ret, int argc, char **argv)
 			return OPTIONS_DONE;
 		case '?':
 			/* getopt_long() has said what. */
+			(void)fputs("Try 'oocview --help'.\n", stderr);
 			return OPTIONS_WRONG;
 		default:
 			if (take(&options, &given, key, optarg) < 0) {

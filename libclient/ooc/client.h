@@ -115,6 +115,7 @@ OOC_API int ooc_dispatch(struct ooc_client *client);
  *
  * Returns: 0, -ENOENT, -EACCES, -EUCLEAN (not a store, or damaged), -ENOTCONN, -ETIMEDOUT,
  *	-EMFILE (64 stores are open), -ENOMEM or -errno.  Waits for the daemon's answer.
+ *	ooc_error_text() does not name the path: put it in front.
  * Ownership: ended with ooc_close(), or with its client.
  */
 OOC_API int ooc_open(struct ooc_client *client, const char *path, struct ooc_store **ret);

@@ -51,7 +51,7 @@ daemon=$(pgrep -f "oocd --socket $folder/sock" | head -n 1)
 
 # Bad input: one line, and exit 1; wrong usage: 2.
 ! ./ooc_list nothing.ooc 2>error.txt || fail "ooc_list finds what is not there"
-grep -q '^ooc_list: nothing.ooc: cannot open nothing.ooc: No such file' error.txt || fail "$(cat error.txt)"
+grep -q '^ooc_list: nothing.ooc: cannot be opened: No such file' error.txt || fail "$(cat error.txt)"
 echo text >text.ooc
 ! ./ooc_stream text.ooc 2>error.txt || fail "ooc_stream opens a text file"
 [ "$(wc -l <error.txt)" = 1 ] || fail "$(cat error.txt)"

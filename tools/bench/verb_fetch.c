@@ -352,7 +352,9 @@ static int fetch_connect(struct fetch *fetch, uint64_t cache_bytes, struct why *
 	if (r < 0)
 		return why_set(why, r, "%s", ooc_error_text(NULL));
 	r = ooc_open(fetch->client, fetch->options->store, &fetch->store);
-	return r < 0 ? why_set(why, r, "%s", ooc_error_text(fetch->client)) : 0;
+	return r < 0 ? why_set(why, r, "%s: %s", fetch->options->store,
+			       ooc_error_text(fetch->client))
+		     : 0;
 }
 
 static void fetch_disconnect(struct fetch *fetch)

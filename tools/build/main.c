@@ -51,7 +51,7 @@ int main(int argc, char **argv)
 	log_init("oocbuild", LOG_LEVEL_INFO);
 	r = options_parse(argc, argv, &options, &why);
 	if (r < 0) {
-		log_error("%s", why.text);
+		log_error("%s; oocbuild --help says more", why.text);
 		return EXIT_USAGE;
 	}
 	if (options.help) {

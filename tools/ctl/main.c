@@ -55,6 +55,8 @@ int ctl_usage(const char *verb, const char *what)
 
 int main(int argc, char **argv)
 {
+	static char name[32];
+
 	log_init("oocctl", LOG_LEVEL_INFO);
 	if (argc < 2) {
 		log_error("no verb: `oocctl --help` lists them");
@@ -66,9 +68,14 @@ int main(int argc, char **argv)
 		puts("oocctl " OOCD_VERSION);
 		return CTL_OK;
 	}
-	for (size_t i = 0; i < ARRAY_LENGTH(verbs); i++)
-		if (strcmp(argv[1], verbs[i].name) == 0)
-			return verbs[i].run(argc - 1, argv + 1);
+	for (size_t i = 0; i < ARRAY_LENGTH(verbs); i++) {
+		if (strcmp(argv[1], verbs[i].name) != 0)
+			continue;
+		/* getopt_long() puts it in front of what it says. */
+		(void)snprintf(name, sizeof(name), "oocctl: %s", verbs[i].name);
+		argv[1] = name;
+		return verbs[i].run(argc - 1, argv + 1);
+	}
 	log_error("%s: no such verb: `oocctl --help` lists them", argv[1]);
 	return CTL_USAGE;
 }

@@ -64,7 +64,7 @@ static int through_start(struct through *self, struct why *why)
 		return why_set(why, r, "%s", ooc_error_text(NULL));
 	r = ooc_open(self->client, walk->store, &self->store);
 	if (r < 0)
-		return why_set(why, r, "%s", ooc_error_text(self->client));
+		return why_set(why, r, "%s: %s", walk->store, ooc_error_text(self->client));
 	ooc_keep_drawing(self->client, true);
 	return 0;
 }

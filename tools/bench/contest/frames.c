@@ -93,7 +93,7 @@ static int holder_init(struct holder *holder, const struct frames_config *config
 		return why_set(why, r, "%s", ooc_error_text(NULL));
 	r = ooc_open(holder->client, config->store, &holder->store);
 	if (r < 0)
-		return holder_failed(holder, r, why);
+		return why_set(why, r, "%s: %s", config->store, ooc_error_text(holder->client));
 	nodes = ooc_nodes(holder->store);
 	node_count = ooc_node_count(holder->store);
 	holder->ring = calloc(2 * config->held_count + 1, sizeof(*holder->ring));

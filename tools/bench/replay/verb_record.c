@@ -121,7 +121,8 @@ static int viewer_begin(struct record *record, uint32_t index, struct why *why)
 		return why_set(why, r, "%s", ooc_error_text(NULL));
 	r = ooc_open(viewer->client, record->options->store, &viewer->store);
 	if (r < 0)
-		return why_set(why, r, "%s", ooc_error_text(viewer->client));
+		return why_set(why, r, "%s: %s", record->options->store,
+			       ooc_error_text(viewer->client));
 	ooc_notify(viewer->client, true);
 	viewer->row = &record->rows[index % record->row_count];
 	viewer->first =
