@@ -240,16 +240,17 @@ int image_write_rows(struct image_writer *writer, const void *pixels, uint32_t r
 
 int image_commit(struct image_writer *writer, struct why *why)
 {
+	FILE *file = writer->file;
 	int r = 0;
 
 	CHECK(!writer->has_failed);
 	errno = 0;
 	if (writer->png)
 		r = end_png(writer);
-	if (r == 0 && fclose(writer->file) != 0)
+	/* Closed is closed, also where it says that it could not write. */
+	writer->file = NULL;
+	if (fclose(file) != 0 && r == 0)
 		r = why_errno(&writer->why, -errno, "%s", writer->path);
-	if (r == 0)
-		writer->file = NULL;
 	if (r == 0 && rename(writer->part_path, writer->path) < 0)
 		r = why_errno(&writer->why, -errno, "%s", writer->path);
 	if (r == 0) {

@@ -167,44 +167,51 @@ static void a_picture_that_cannot_be_written_says_why(void **state)
 	assert_non_null(strstr(why.text, ".png or .raw"));
 }
 
-static void a_disk_that_takes_no_more_is_told_and_leaves_no_picture(void **state)
+/* Writes a picture of noise to a disk that takes so many bytes. */
+static void check_full_disk(const char *path, uint32_t side, rlim_t limit_bytes)
 {
-	const struct image_form form = { .width = 64, .height = 64, .channel = CHANNEL_NORMAL };
-	const char *names[] = { "a.png", "a.raw" };
-	float *pixels = malloc(64 * 64 * 12);
-	struct rlimit limit;
+	const struct image_form form = { .width = side, .height = side, .channel = CHANNEL_NORMAL };
+	float *pixels = calloc((size_t)side * side, 3 * sizeof(*pixels));
+	struct image_writer *writer;
+	struct rlimit usual;
 	struct rlimit small;
+	struct why why = { "" };
 
 	assert_non_null(pixels);
-	/* Noise, which no compression makes small: Marsaglia's xorshift. */
-	for (uint32_t i = 0, noise = 1; i < 64 * 64 * 3; i++) {
+	/* Which no compression makes small: Marsaglia's xorshift. */
+	for (uint32_t i = 0, noise = 1; i < side * side * 3; i++) {
 		noise ^= noise << 13;
 		noise ^= noise >> 17;
 		noise ^= noise << 5;
 		pixels[i] = (float)(noise >> 8) / (float)(1 << 24);
 	}
-	assert_int_equal(getrlimit(RLIMIT_FSIZE, &limit), 0);
-	small = limit;
-	small.rlim_cur = 4096;
+	assert_int_equal(getrlimit(RLIMIT_FSIZE, &usual), 0);
+	small = usual;
+	small.rlim_cur = limit_bytes;
+	assert_int_equal(setrlimit(RLIMIT_FSIZE, &small), 0);
+	assert_int_equal(image_create(path, &form, &writer, &why), 0);
+	if (image_write_rows(writer, pixels, side, &why) < 0)
+		image_abandon(writer);
+	else
+		assert_true(image_commit(writer, &why) < 0);
+	assert_int_equal(setrlimit(RLIMIT_FSIZE, &usual), 0);
+	assert_non_null(strstr(why.text, path));
+	assert_non_null(strstr(why.text, strerror(EFBIG)));
+	free(pixels);
+}
+
+static void a_disk_that_takes_no_more_is_told_and_leaves_no_picture(void **state)
+{
+	static const char *const names[] = { "a.png", "a.raw" };
+
 	/* Without the signal, a write beyond the limit fails. */
 	(void)signal(SIGXFSZ, SIG_IGN);
-	assert_int_equal(setrlimit(RLIMIT_FSIZE, &small), 0);
-	for (int i = 0; i < 2; i++) {
-		const char *path = test_path(*state, names[i]);
-		struct image_writer *writer;
-		struct why why = { "" };
-
-		assert_int_equal(image_create(path, &form, &writer, &why), 0);
-		if (image_write_rows(writer, pixels, 64, &why) < 0)
-			image_abandon(writer);
-		else
-			assert_true(image_commit(writer, &why) < 0);
-		assert_non_null(strstr(why.text, names[i]));
-		assert_non_null(strstr(why.text, strerror(EFBIG)));
+	for (size_t i = 0; i < ARRAY_LENGTH(names); i++) {
+		check_full_disk(test_path(*state, names[i]), 64, 4096);
+		/* So small that it is written when the file is closed. */
+		check_full_disk(test_path(*state, names[i]), 4, 16);
 	}
-	assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
 	assert_string_equal(test_folder_list(*state), "");
-	free(pixels);
 }
 
 static void channels_have_names_and_sizes(void **state)
