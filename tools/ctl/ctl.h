@@ -39,6 +39,13 @@ int ctl_verify(int argc, char **argv);
 /** Says that the command line is wrong and where the right one stands.  Returns: CTL_USAGE. */
 int ctl_usage(const char *verb, const char *what);
 
+/**
+ * Takes the options of a verb that has none but --json and --help; what is left begins at optind.
+ *
+ * Returns: CTL_OK to go on, -1 after --help, or CTL_USAGE.
+ */
+int ctl_parse_json(int argc, char **argv, const char *help, bool *ret_json);
+
 /** A store, its HS and its names, open for a verb. */
 struct ctl_store {
 	struct store_file *file;

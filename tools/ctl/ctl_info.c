@@ -42,19 +42,16 @@ struct info {
 	uint64_t spent_total;
 };
 
-static int print_help(void)
-{
-	puts("Usage: oocctl info STORE [--json]\n"
-	     "Says what a store holds, and what its bytes were spent on: up to 512 payloads, evenly\n"
-	     "spread, are read for it.\n"
-	     "\n"
-	     "      --json   one object in place of lines\n"
-	     "      --help   this text\n"
-	     "\n"
-	     "Example:\n"
-	     "  oocctl info plant.ooc");
-	return CTL_OK;
-}
+static const char help[] =
+	"Usage: oocctl info STORE [--json]\n"
+	"Says what a store holds, and what its bytes were spent on: up to 512 payloads, evenly\n"
+	"spread, are read for it.\n"
+	"\n"
+	"      --json   one object in place of lines\n"
+	"      --help   this text\n"
+	"\n"
+	"Example:\n"
+	"  oocctl info plant.ooc";
 
 /* ---- measuring ---- */
 
@@ -265,23 +262,13 @@ static void print_json(const struct info *info)
 
 int ctl_info(int argc, char **argv)
 {
-	static const struct option options[] = {
-		{ "json", no_argument, NULL, 'j' },
-		{ "help", no_argument, NULL, 'h' },
-		{ 0 },
-	};
 	struct info info = { 0 };
 	bool json = false;
-	int option;
 	int status;
 
-	while ((option = getopt_long(argc, argv, "h", options, NULL)) != -1) {
-		if (option == 'h')
-			return print_help();
-		if (option != 'j')
-			return CTL_USAGE;
-		json = true;
-	}
+	status = ctl_parse_json(argc, argv, help, &json);
+	if (status != CTL_OK)
+		return status < 0 ? CTL_OK : status;
 	if (argc - optind != 1)
 		return ctl_usage("info", "wants one store");
 	info.path = argv[optind];

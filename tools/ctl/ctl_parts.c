@@ -6,19 +6,16 @@
 #include "formats/base/text.h"
 #include "tools/ctl/ctl.h"
 
-static int print_help(void)
-{
-	puts("Usage: oocctl parts STORE [PATTERN] [--json]\n"
-	     "Lists the parts whose name, scene path or section matches a shell pattern; all without.\n"
-	     "\n"
-	     "      --json   an array of objects in place of a table\n"
-	     "      --help   this text\n"
-	     "\n"
-	     "Examples:\n"
-	     "  oocctl parts plant.ooc 'pump*'\n"
-	     "  oocctl parts plant.ooc --json | jq '.[].name'");
-	return CTL_OK;
-}
+static const char help[] =
+	"Usage: oocctl parts STORE [PATTERN] [--json]\n"
+	"Lists the parts whose name, scene path or section matches a shell pattern; all without.\n"
+	"\n"
+	"      --json   an array of objects in place of a table\n"
+	"      --help   this text\n"
+	"\n"
+	"Examples:\n"
+	"  oocctl parts plant.ooc 'pump*'\n"
+	"  oocctl parts plant.ooc --json | jq '.[].name'";
 
 static void print_json_part(const struct store_names *names, uint64_t index, bool is_first)
 {
@@ -75,23 +72,13 @@ static void print_parts(const struct store_names *names, const char *pattern, bo
 
 int ctl_parts(int argc, char **argv)
 {
-	static const struct option options[] = {
-		{ "json", no_argument, NULL, 'j' },
-		{ "help", no_argument, NULL, 'h' },
-		{ 0 },
-	};
 	struct ctl_store store;
 	bool json = false;
-	int option;
 	int status;
 
-	while ((option = getopt_long(argc, argv, "h", options, NULL)) != -1) {
-		if (option == 'h')
-			return print_help();
-		if (option != 'j')
-			return CTL_USAGE;
-		json = true;
-	}
+	status = ctl_parse_json(argc, argv, help, &json);
+	if (status != CTL_OK)
+		return status < 0 ? CTL_OK : status;
 	if (argc - optind < 1 || argc - optind > 2)
 		return ctl_usage("parts", "wants a store and at most one pattern");
 	status = ctl_store_open(argv[optind], &store);

@@ -24,20 +24,17 @@ struct report {
 	struct ctl_store store; /* file is NULL where it does not even open */
 };
 
-static int print_help(void)
-{
-	puts("Usage: oocctl verify STORE [--json]\n"
-	     "Reads every byte of a store: superblocks, HS, names, payloads and the zeros between.\n"
-	     "Each damaged node is named, with its box and its parts as far as they can be read.\n"
-	     "Exit status: 0 whole, 1 damaged or unreadable.\n"
-	     "\n"
-	     "      --json   one object in place of lines\n"
-	     "      --help   this text\n"
-	     "\n"
-	     "Example:\n"
-	     "  oocctl verify plant.ooc --json | jq '.damage[].node'");
-	return CTL_OK;
-}
+static const char help[] =
+	"Usage: oocctl verify STORE [--json]\n"
+	"Reads every byte of a store: superblocks, HS, names, payloads and the zeros between.\n"
+	"Each damaged node is named, with its box and its parts as far as they can be read.\n"
+	"Exit status: 0 whole, 1 damaged or unreadable.\n"
+	"\n"
+	"      --json   one object in place of lines\n"
+	"      --help   this text\n"
+	"\n"
+	"Example:\n"
+	"  oocctl verify plant.ooc --json | jq '.damage[].node'";
 
 /* ---- what a damaged payload held ---- */
 
@@ -230,22 +227,12 @@ static int verify(struct report *report)
 
 int ctl_verify(int argc, char **argv)
 {
-	static const struct option options[] = {
-		{ "json", no_argument, NULL, 'j' },
-		{ "help", no_argument, NULL, 'h' },
-		{ 0 },
-	};
 	struct report report = { 0 };
-	int option;
 	int status;
 
-	while ((option = getopt_long(argc, argv, "h", options, NULL)) != -1) {
-		if (option == 'h')
-			return print_help();
-		if (option != 'j')
-			return CTL_USAGE;
-		report.json = true;
-	}
+	status = ctl_parse_json(argc, argv, help, &report.json);
+	if (status != CTL_OK)
+		return status < 0 ? CTL_OK : status;
 	if (argc - optind != 1)
 		return ctl_usage("verify", "wants one store");
 	report.path = argv[optind];

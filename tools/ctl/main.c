@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: MIT */
+#include <getopt.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -51,6 +52,29 @@ int ctl_usage(const char *verb, const char *what)
 {
 	log_error("%s: %s: `oocctl %s --help` shows how", verb, what, verb);
 	return CTL_USAGE;
+}
+
+int ctl_parse_json(int argc, char **argv, const char *help, bool *ret_json)
+{
+	static const struct option options[] = {
+		{ "json", no_argument, NULL, 'j' },
+		{ "help", no_argument, NULL, 'h' },
+		{ 0 },
+	};
+	bool json = false;
+	int option;
+
+	while ((option = getopt_long(argc, argv, "h", options, NULL)) != -1) {
+		if (option == 'h') {
+			puts(help);
+			return -1;
+		}
+		if (option != 'j')
+			return CTL_USAGE;
+		json = true;
+	}
+	*ret_json = json;
+	return CTL_OK;
 }
 
 int main(int argc, char **argv)

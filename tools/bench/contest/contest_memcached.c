@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * memcached on a Unix socket, as its documentation advises: one connection that is kept, many keys in
- * one request (meta get with an opaque, ended by mn, so that misses are not answered), items of any
- * size, the store read where it misses and the payload set.
+ * one request (meta gets that are answered with their key, ended by mn, so that misses are not
+ * answered), items of any size, the store read where it misses and the payload set.
  */
 #include <errno.h>
 #include <fcntl.h>
