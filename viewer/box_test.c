@@ -5,7 +5,6 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include <epoxy/gl.h>
 
@@ -247,10 +246,7 @@ static void wait_until(uint64_t time_ns)
 	uint64_t now_ns = clock_now_ns();
 
 	while (now_ns < time_ns) {
-		const struct timespec pause = { .tv_sec = (time_t)((time_ns - now_ns) / NS_PER_S),
-						.tv_nsec = (long)((time_ns - now_ns) % NS_PER_S) };
-
-		(void)nanosleep(&pause, NULL);
+		clock_pause_ns(time_ns - now_ns);
 		now_ns = clock_now_ns();
 	}
 }

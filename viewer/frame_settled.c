@@ -2,7 +2,6 @@
 #include "viewer/frame_private.h"
 
 #include <errno.h>
-#include <time.h>
 
 #include "formats/base/clock.h"
 #include "formats/base/log.h"
@@ -123,7 +122,6 @@ static int draw_portion(struct frame *frame, struct settling *settling, struct f
 /* Nothing of a portion could be drawn: others hold what there is.  Waits a little. */
 static int be_patient(struct frame *frame, struct settling *settling, struct why *why)
 {
-	const struct timespec pause = { .tv_nsec = (long)(20 * NS_PER_MS) };
 	const struct world_want *want = &frame->world->wants[settling->first];
 	const struct world_store *store = &frame->world->stores[want->store];
 
@@ -137,7 +135,7 @@ static int be_patient(struct frame *frame, struct settling *settling, struct why
 			       (int)(PATIENCE_NS / NS_PER_S));
 	/* A set that has not changed says nothing: take turns. */
 	settling->ask_for_less = !settling->ask_for_less;
-	(void)nanosleep(&pause, NULL);
+	clock_pause_ns(20 * NS_PER_MS);
 	return 0;
 }
 

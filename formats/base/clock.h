@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/** clock.h - monotonic time.  Threads: any. */
+/** clock.h - monotonic time, and waiting for it.  Threads: any. */
 #ifndef FORMATS_BASE_CLOCK_H
 #define FORMATS_BASE_CLOCK_H
 
@@ -22,6 +22,14 @@ static inline uint64_t clock_now_ns(void)
 static inline uint32_t clock_now_ds(void)
 {
 	return (uint32_t)(clock_now_ns() / (NS_PER_S / 10));
+}
+
+/** Sleeps so long, or until a signal is handled. */
+static inline void clock_pause_ns(uint64_t ns)
+{
+	const struct timespec time = { (time_t)(ns / NS_PER_S), (long)(ns % NS_PER_S) };
+
+	(void)nanosleep(&time, NULL);
 }
 
 #endif /* FORMATS_BASE_CLOCK_H */

@@ -264,16 +264,16 @@ int measure_daemon_start_with(const char *scratch, const char *const *options,
 	}
 	r = measure_start(argv, &ret->child, why);
 	while (r == 0 && !answers(ret->socket_path)) {
-		static const struct timespec pause = { .tv_nsec = 2 * (long)NS_PER_MS };
-
 		if (waitpid(ret->child.pid, NULL, WNOHANG) == ret->child.pid) {
 			ret->child.pid = 0;
 			r = why_set(why, -ECHILD, "oocd ended before it answered");
-		} else if (clock_now_ns() > deadline_ns || measure_was_cancelled()) {
+		} else if (measure_was_cancelled()) {
+			r = why_set(why, -ECANCELED, "interrupted");
+		} else if (clock_now_ns() > deadline_ns) {
 			r = why_set(why, -ETIMEDOUT, "oocd does not answer on %s",
 				    ret->socket_path);
 		} else {
-			(void)nanosleep(&pause, NULL);
+			clock_pause_ns(2 * NS_PER_MS);
 		}
 		if (r < 0)
 			measure_stop(&ret->child);

@@ -87,7 +87,7 @@ struct measure_daemon {
  * options:  its command line but for --socket, NULL-terminated; at most
  *           MEASURE_DAEMON_OPTION_COUNT_MAX.
  *
- * Returns: 0, -ETIMEDOUT or what starting said.
+ * Returns: 0, -ETIMEDOUT, -ECHILD (it has ended), -ECANCELED or what starting said.
  */
 int measure_daemon_start_with(const char *scratch, const char *const *options,
 			      struct measure_daemon *ret, struct why *why);

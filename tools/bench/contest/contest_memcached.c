@@ -14,7 +14,6 @@
 #include <sys/socket.h>
 #include <sys/uio.h>
 #include <sys/un.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "formats/base/bytes.h"
@@ -221,7 +220,6 @@ static void memcached_close(void *arg)
 /* It makes its socket some time after it has begun. */
 static int dial(struct memcached *self, struct why *why)
 {
-	static const struct timespec pause = { .tv_nsec = 2000000 };
 	struct sockaddr_un address = { .sun_family = AF_UNIX };
 	uint64_t end_ns = clock_now_ns() + START_NS;
 
@@ -232,7 +230,7 @@ static int dial(struct memcached *self, struct why *why)
 	while (connect(self->fd, (struct sockaddr *)&address, sizeof(address)) < 0) {
 		if (clock_now_ns() > end_ns || measure_was_cancelled())
 			return lost(why);
-		(void)nanosleep(&pause, NULL);
+		clock_pause_ns(2 * NS_PER_MS);
 	}
 	return 0;
 }

@@ -6,10 +6,10 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "formats/base/bytes.h"
+#include "formats/base/clock.h"
 #include "formats/base/file.h"
 
 /* Where the two versions of control groups have the controller of memory, and their files. */
@@ -86,13 +86,11 @@ int memory_box_enter(const struct memory_box *box, struct why *why)
 
 void memory_box_done(struct memory_box *box)
 {
-	static const struct timespec pause = { .tv_nsec = 10000000 };
-
 	/* The kernel is done with a process some time after it was waited for. */
 	for (int i = 0; box->folder[0] != '\0' && i < 100; i++) {
 		if (rmdir(box->folder) == 0 || errno != EBUSY)
 			break;
-		(void)nanosleep(&pause, NULL);
+		clock_pause_ns(10 * NS_PER_MS);
 	}
 	box->folder[0] = '\0';
 }

@@ -14,7 +14,6 @@
 #include <sys/prctl.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "formats/base/bytes.h"
@@ -70,13 +69,6 @@ struct looker {
 	struct ooc_store *stores[STORES_MAX];
 	struct ooc_want *wants;
 };
-
-static void pause_ns(uint64_t ns)
-{
-	const struct timespec time = { (time_t)(ns / NS_PER_S), (long)(ns % NS_PER_S) };
-
-	(void)nanosleep(&time, NULL);
-}
 
 /* ---- lookers ---- */
 
@@ -262,7 +254,7 @@ static _Noreturn void draw(const struct restart *restart, unsigned number)
 		is_ready = is_ready || progress.want_count > 0;
 		(void)looker_want(&looker, from, count);
 		now_ns = clock_now_ns();
-		pause_ns(now_ns < end_ns ? end_ns - now_ns : 0);
+		clock_pause_ns(now_ns < end_ns ? end_ns - now_ns : 0);
 	}
 	_exit(0);
 }
@@ -279,7 +271,7 @@ static int clients_start(struct restart *restart, struct why *why)
 			return why_errno(why, -errno, "a process");
 	}
 	while (restart->shared->ready_count < count) {
-		pause_ns(POLL_NS);
+		clock_pause_ns(POLL_NS);
 		if (measure_was_cancelled())
 			return why_set(why, -ECANCELED, "interrupted");
 		for (unsigned i = 0; i < count; i++)
@@ -367,7 +359,7 @@ static int await_verified(struct restart *restart, struct looker *looker, struct
 		if (clock_now_ns() > end_ns)
 			return why_set(why, -ETIMEDOUT, "of %zu payloads kept %.0f were verified",
 				       restart->kept_count, verified);
-		pause_ns(POLL_NS);
+		clock_pause_ns(POLL_NS);
 	}
 }
 

@@ -11,7 +11,6 @@
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "formats/base/bytes.h"
@@ -54,13 +53,6 @@ struct crowd {
 	bool has_early;
 	uint64_t longest_life_ns;
 };
-
-static void pause_ns(uint64_t ns)
-{
-	struct timespec time = { (time_t)(ns / NS_PER_S), (long)(ns % NS_PER_S) };
-
-	(void)nanosleep(&time, NULL);
-}
 
 /* ---- what clients may want, and what it is ---- */
 
@@ -234,12 +226,12 @@ static int await_balance(struct crowd *crowd, struct balance *ret, struct why *w
 	int r;
 
 	do {
-		pause_ns(POLL_NS);
+		clock_pause_ns(POLL_NS);
 		r = read_balance(crowd, ret, why);
 	} while (r == 0 && clock_now_ns() < end_ns &&
 		 (ret->held_bytes > 0 || ret->sessions > 1 || ret->fills > 0));
 	/* The session that asked goes, too. */
-	pause_ns(10 * POLL_NS);
+	clock_pause_ns(10 * POLL_NS);
 	return r;
 }
 
@@ -365,7 +357,7 @@ static int run_for_a_time(struct crowd *crowd, struct why *why)
 			look_at_life(crowd, now_ns);
 			look_ns = now_ns + NS_PER_S;
 		}
-		pause_ns(POLL_NS / 2);
+		clock_pause_ns(POLL_NS / 2);
 	}
 	return r;
 }
@@ -382,7 +374,7 @@ static int warm_up(struct crowd *crowd, struct why *why)
 	if (pid < 0)
 		return why_errno(why, pid, "a client");
 	while (atomic_load(&crowd->shared->sets) < 10 && clock_now_ns() < end_ns && r == 0) {
-		pause_ns(POLL_NS);
+		clock_pause_ns(POLL_NS);
 		r = check_daemon(crowd, why);
 	}
 	kill_client(&pid);

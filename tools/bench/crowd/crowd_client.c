@@ -9,7 +9,6 @@
 #include <string.h>
 #include <sys/prctl.h>
 #include <sys/socket.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "formats/base/bytes.h"
@@ -49,13 +48,6 @@ static uint32_t below(struct crowd_client *self, uint32_t bound)
 	return (uint32_t)(random_next(&self->random) % bound);
 }
 
-static void pause_ns(uint64_t ns)
-{
-	struct timespec time = { (time_t)(ns / NS_PER_S), (long)(ns % NS_PER_S) };
-
-	(void)nanosleep(&time, NULL);
-}
-
 static void fail(struct crowd_client *self, const char *format, ...)
 	__attribute__((format(printf, 2, 3)));
 static void fail(struct crowd_client *self, const char *format, ...)
@@ -84,7 +76,7 @@ static void lose(struct crowd_client *self, int error, const char *doing)
 		_exit(1);
 	}
 	atomic_fetch_add(&self->shared->lost, 1);
-	pause_ns(20 * NS_PER_MS);
+	clock_pause_ns(20 * NS_PER_MS);
 }
 
 static void connect_and_open(struct crowd_client *self)
@@ -202,7 +194,7 @@ static _Noreturn void client_run(struct crowd_client *self)
 		sum_some(self, SUMS_AFTER);
 		now_ns = clock_now_ns();
 		if (now_ns < end_ns)
-			pause_ns(end_ns - now_ns);
+			clock_pause_ns(end_ns - now_ns);
 	}
 }
 
@@ -317,7 +309,7 @@ static _Noreturn void prober_run(struct crowd_client *self)
 			lose(self, r, "dispatching");
 		else
 			probe(self);
-		pause_ns(PROBE_PAUSE);
+		clock_pause_ns(PROBE_PAUSE);
 	}
 }
 

@@ -13,7 +13,6 @@
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <sys/wait.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "formats/base/bytes.h"
@@ -26,20 +25,13 @@
 #define NOBODY       65534u
 #define HOARDED_MAX  1000u
 #define FORGED_NODES 500u
-#define BREATH       (1 * NS_PER_MS)
+#define BREATH_NS    (1 * NS_PER_MS)
 
 struct hostile {
 	int store_fd; /* opened before it became nobody */
 	const char *socket_path;
 	struct random random;
 };
-
-static void breathe(void)
-{
-	const struct timespec time = { .tv_nsec = (long)BREATH };
-
-	(void)nanosleep(&time, NULL);
-}
 
 static int connect_once(const struct hostile *self)
 {
@@ -88,7 +80,7 @@ static void churn(struct hostile *self)
 {
 	for (uint32_t i = 0; i < 200; i++)
 		(void)fd_close(i % 2 ? connect_once(self) : say_hello(self));
-	breathe();
+	clock_pause_ns(BREATH_NS);
 }
 
 /* Keeps as many connections as it gets. */
@@ -100,7 +92,7 @@ static void hoard(struct hostile *self)
 	while (count < HOARDED_MAX && (fds[count] = connect_once(self)) >= 0)
 		count++;
 	for (uint32_t i = 0; i < 1000; i++)
-		breathe();
+		clock_pause_ns(BREATH_NS);
 	while (count > 0)
 		(void)fd_close(fds[--count]);
 }
@@ -132,7 +124,7 @@ static void forge(struct hostile *self)
 	wire_header_init(&set->header, WIRE_SET,
 			 sizeof(*set) + FORGED_NODES * sizeof(set->entries[0]));
 	(void)wire_send(fd, set, set->header.bytes, NULL, 0);
-	breathe();
+	clock_pause_ns(BREATH_NS);
 }
 
 /* Says one set after the other, as fast as it can, and reads no answer. */
