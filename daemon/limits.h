@@ -26,6 +26,8 @@
 #define ACCOUNT_LOG_SECONDS   10u
 /** Connections taken in one round, so that a storm of them starves nobody who is connected. */
 #define ACCEPT_COUNT_MAX 8u
+/** And nobody for so long after one was turned away, who may come back as fast as that. */
+#define REFUSAL_PAUSE_US 500u
 /** Stores open at one time, idle ones included. */
 #define SERVED_COUNT_MAX 256u
 /** Segments of all stores together: entries of the ring's table of buffers. */

@@ -100,10 +100,20 @@ static void tell(struct server *server)
 	/* Sets have changed, or a segment is to be drained, whose holders are told then. */
 	if (!server->stopping && room_is_unsettled(&server->room))
 		wake_ns = u64_min(wake_ns, server->division_after_ns);
+	if (server->listen_at_ns > 0)
+		wake_ns = u64_min(wake_ns, server->listen_at_ns);
 	if (wake_ns == UINT64_MAX)
 		return;
 	(void)sd_event_source_set_time(server->wake_source, wake_ns / NS_PER_US + 1);
 	(void)sd_event_source_set_enabled(server->wake_source, SD_EVENT_ONESHOT);
+}
+
+static void listen_again(struct server *server)
+{
+	if (server->listen_at_ns == 0 || clock_now_ns() < server->listen_at_ns)
+		return;
+	server->listen_at_ns = 0;
+	(void)sd_event_source_set_enabled(server->listen_source, SD_EVENT_ON);
 }
 
 static int on_round(sd_event_source *source, void *arg)
@@ -112,6 +122,7 @@ static int on_round(sd_event_source *source, void *arg)
 
 	(void)source;
 	if (!server->stopping) {
+		listen_again(server);
 		settle(server);
 		LIST_FOR_EACH (link, &server->sessions)
 			session_retry(LIST_ENTRY(link, struct session, link));
@@ -284,7 +295,8 @@ static int join_account(struct server *server, int fd, struct account **ret, str
 	return r;
 }
 
-static void add_client(struct server *server, int fd)
+/* Returns: false when it was turned away. */
+static bool add_client(struct server *server, int fd)
 {
 	struct session_config config = {
 		.calls = &session_calls,
@@ -304,12 +316,12 @@ static void add_client(struct server *server, int fd)
 	if (join_account(server, fd, &config.account, &why) < 0) {
 		refuse_client(fd, &why);
 		server->refused_count++;
-		return;
+		return false;
 	}
 	if (session_create(&config, fd, &session, &why) < 0) {
 		log_warning("a client cannot be served: %s", why.text);
 		account_leave(config.account);
-		return;
+		return false;
 	}
 	if (++server->next_number == 0)
 		server->next_number = 1;
@@ -317,6 +329,7 @@ static void add_client(struct server *server, int fd)
 	server->session_count++;
 	server->accepted_count++;
 	server->idle_since_ns = 0;
+	return true;
 }
 
 /* Some a round, so that a storm of connections starves neither those connected nor those behind it. */
@@ -329,8 +342,12 @@ static int on_listen(sd_event_source *source, int listen_fd, uint32_t events, vo
 		int fd = accept4(listen_fd, NULL, NULL, SOCK_CLOEXEC | SOCK_NONBLOCK);
 
 		if (fd >= 0) {
-			add_client(server, fd);
-			continue;
+			if (add_client(server, fd))
+				continue;
+			server->listen_at_ns = clock_now_ns() + REFUSAL_PAUSE_US * NS_PER_US;
+			(void)sd_event_source_set_enabled(source, SD_EVENT_OFF);
+			server_active(server);
+			break;
 		}
 		/* The socket stays readable: without this the loop would spin. */
 		if (errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == ENOBUFS) {

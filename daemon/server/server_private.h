@@ -51,6 +51,7 @@ struct server {
 	sd_event_source *workers_source;
 	sd_event_source *round_source; /* runs when the events that are pending have been handled */
 	sd_event_source *wake_source;  /* a round, later */
+	uint64_t listen_at_ns;         /* nobody is accepted before; 0: whoever comes is */
 	sd_event_source *tick_source;
 
 	struct cache cache;
