@@ -495,7 +495,6 @@ enum options_verdict options_read(struct options *ret, int argc, char **argv)
 			return OPTIONS_DONE;
 		case '?':
 			/* getopt_long() has said what. */
-			(void)fputs("Try 'oocview --help'.\n", stderr);
 			return OPTIONS_WRONG;
 		default:
 			if (take(&options, &given, key, optarg) < 0) {
