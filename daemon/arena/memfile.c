@@ -48,14 +48,6 @@ static void *map_aligned(int fd, uint64_t bytes)
 	return base;
 }
 
-static uint64_t processor_time_ns(void)
-{
-	struct timespec now;
-
-	(void)clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-	return (uint64_t)now.tv_sec * NS_PER_S + (uint64_t)now.tv_nsec;
-}
-
 /*
  * MADV_COLLAPSE works although shmem_enabled is "never", where MADV_HUGEPAGE silently does nothing.
  * It refuses a chunk without any page, and copies those that there are: one page a chunk is the
@@ -65,11 +57,11 @@ static uint64_t processor_time_ns(void)
  */
 static uint64_t collapse(int fd, uint8_t *base, uint64_t bytes)
 {
-	uint64_t end_ns = processor_time_ns() + bytes / MEMFILE_HUGE_BYTES * COLLAPSE_NS_MAX;
+	uint64_t end_ns = clock_spent_ns() + bytes / MEMFILE_HUGE_BYTES * COLLAPSE_NS_MAX;
 	uint64_t huge_bytes = 0;
 
 	for (uint64_t at = 0; at + MEMFILE_HUGE_BYTES <= bytes; at += MEMFILE_HUGE_BYTES) {
-		if (processor_time_ns() > end_ns)
+		if (clock_spent_ns() > end_ns)
 			break;
 		if (fallocate(fd, 0, (off_t)at, MEMFILE_PAGE_BYTES) == 0 &&
 		    madvise(base + at, MEMFILE_HUGE_BYTES, MADV_COLLAPSE) == 0)

@@ -67,16 +67,16 @@ static int on_wake(sd_event_source *source, uint64_t now_us, void *arg)
  */
 static void settle(struct server *server)
 {
-	uint64_t now_ns;
+	uint64_t spent_ns;
 
-	if (!room_is_unsettled(&server->room))
+	if (!room_is_unsettled(&server->room) ||
+	    (server->room.divided && clock_now_ns() < server->division_after_ns))
 		return;
-	now_ns = clock_now_ns();
-	if (server->room.divided && now_ns < server->division_after_ns)
-		return;
+	/* Of the processor: others may have had it meanwhile, which is no reason to wait longer. */
+	spent_ns = clock_spent_ns();
 	division_settle(&server->room);
-	server->division_after_ns = clock_now_ns();
-	server->division_after_ns += (server->division_after_ns - now_ns) * DIVISION_PAUSE;
+	spent_ns = clock_spent_ns() - spent_ns;
+	server->division_after_ns = clock_now_ns() + spent_ns * DIVISION_PAUSE;
 }
 
 /* Tells all sessions what they are owed, and sees to the next round where something has to wait for it. */

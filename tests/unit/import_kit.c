@@ -8,7 +8,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include <zlib.h>
 
 #include <cmocka.h>
@@ -222,14 +221,6 @@ double kit_surface(const struct kit_model *model)
 		sum += sqrt(area[0] * area[0] + area[1] * area[1] + area[2] * area[2]) / 2.0;
 	}
 	return sum;
-}
-
-uint64_t kit_cpu_ns(void)
-{
-	struct timespec now;
-
-	assert_int_equal(clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now), 0);
-	return (uint64_t)now.tv_sec * UINT64_C(1000000000) + (uint64_t)now.tv_nsec;
 }
 
 void kit_write_gzip(const char *path, const void *data, size_t size_bytes)

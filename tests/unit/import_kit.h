@@ -85,9 +85,6 @@ void kit_area(const struct kit_model *model, double ret[3]);
 /** The sum of the triangles' areas. */
 double kit_surface(const struct kit_model *model);
 
-/** Processor time of this thread: other than the clock's, it is not what the machine is busy with. */
-uint64_t kit_cpu_ns(void);
-
 void kit_write_gzip(const char *path, const void *data, size_t size_bytes);
 
 /** A growing run of bytes, for files of any kind. */
