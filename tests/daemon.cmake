@@ -2,9 +2,13 @@
 foreach(module accounts pages arena disk fetch config watchdog)
 	oocd_test(test_${module} unit SOURCES unit/test_${module}.c LINK oocd_core oocd_test_helper)
 endforeach()
-foreach(module cache queues visible)
-	oocd_test(test_${module} unit SOURCES unit/test_${module}.c LINK oocd_core oocd_test_helper
-		SKIPS_TSAN)
+oocd_test(test_cache unit SOURCES unit/test_cache.c LINK oocd_core oocd_test_helper SKIPS_TSAN)
+oocd_test(test_queues unit SOURCES unit/test_queues.c unit/parts_kit.c
+	LINK oocd_core oocd_test_helper SKIPS_TSAN)
+foreach(module visible division)
+	oocd_test(test_${module} unit
+		SOURCES unit/test_${module}.c unit/visible_kit.c unit/parts_kit.c
+		LINK oocd_core oocd_test_helper SKIPS_TSAN)
 endforeach()
 
 # The state machine with checks that a test can see fail.

@@ -11,21 +11,16 @@
 #include <cmocka.h>
 
 #include <errno.h>
-#include <fcntl.h>
-#include <poll.h>
 #include <stdbool.h>
 #include <stdlib.h>
-#include <unistd.h>
 
 #include "daemon/limits.h"
 #include "daemon/sharing/queues.h"
 #include "formats/base/bytes.h"
 #include "formats/base/clock.h"
-#include "tests/helper.h"
+#include "tests/unit/parts_kit.h"
 
 #define BUDGET_BYTES (32u * MIB)
-#define DEPTH        4u
-#define NODES_MAX    4096u
 #define CALLER_COUNT 4u
 
 struct caller {
@@ -42,17 +37,10 @@ struct caller {
 };
 
 struct fixture {
-	char *folder;
-	struct cache cache;
-	struct workers *workers;
-	struct fills *fills;
-	struct fetch *fetch;
-	struct served *served;
+	struct parts parts;
 	struct queues queues;
 	struct account accounts[CALLER_COUNT];
 	struct caller callers[CALLER_COUNT];
-	uint32_t nodes[NODES_MAX]; /* with payload */
-	uint32_t node_count;
 };
 
 static bool on_next(void *arg, struct queue_want *ret)
@@ -105,26 +93,6 @@ static const struct queue_calls queue_calls = {
 	.prefetch_over = on_prefetch_over,
 };
 
-static void on_make(void *arg, struct served *served)
-{
-	struct fixture *fixture = arg;
-	struct memfile memfile;
-	struct segment *segment;
-
-	assert_int_equal(memfile_create("test", served->arena.segment_bytes, false, &memfile, NULL),
-			 0);
-	assert_int_equal(memfile_publish(&memfile, MEMFILE_CHANGING, NULL), 0);
-	assert_int_equal(cache_add_segment(&fixture->cache, served, &memfile, &segment), 0);
-	segment->buffer = FETCH_BUFFER_NONE;
-}
-
-static void on_gone(void *arg, struct served *served, struct segment *segment)
-{
-	(void)arg;
-	(void)served;
-	(void)segment;
-}
-
 static void on_ended(void *arg, const struct fill_result *result)
 {
 	(void)arg;
@@ -134,38 +102,14 @@ static void on_ended(void *arg, const struct fill_result *result)
 static int setup(void **state)
 {
 	const struct test_grid grid = { .count = 20, .face_quads = 4 };
-	const struct cache_calls calls = { .make = on_make, .gone = on_gone };
+	const struct fetch_sim sim = { .seed = 5 };
 	struct fixture *fixture = calloc(1, sizeof(*fixture));
-	struct fetch_config fetch_config = {
-		.kind = FETCH_SIM, .depth = DEPTH, .done = fills_read_done, .sim = { .seed = 5 }
-	};
-	const char *path;
-	struct why why;
 
-	fixture->folder = test_folder_make();
-	path = test_path(fixture->folder, "a.ooc");
-	test_store_grid_make(path, &grid);
-	cache_init(&fixture->cache, BUDGET_BYTES, &calls, fixture);
-	assert_int_equal(workers_create(1, &fixture->workers, &why), 0);
-	assert_int_equal(fills_create(&fixture->cache, fixture->workers, on_ended, fixture,
-				      &fixture->fills, &why),
-			 0);
-	fetch_config.done_arg = fixture->fills;
-	assert_int_equal(fetch_create(&fetch_config, &fixture->fetch, &why), 0);
-	fills_set_fetch(fixture->fills, fixture->fetch);
-	assert_int_equal(served_open(open(path, O_RDONLY | O_CLOEXEC), path, BUDGET_BYTES, 1,
-				     &fixture->served, &why),
-			 0);
-	assert_int_equal(
-		fetch_add_file(fixture->fetch, fixture->served->fd, &fixture->served->file), 0);
-	cache_add_store(&fixture->cache, fixture->served);
-	for (uint32_t i = 0; i < fixture->served->node_count; i++)
-		if (served_has_payload(fixture->served, i))
-			fixture->nodes[fixture->node_count++] = i;
-	queues_init(&fixture->queues, fixture->fills);
+	parts_begin(&fixture->parts, BUDGET_BYTES, &grid, &sim, on_ended, NULL);
+	queues_init(&fixture->queues, fixture->parts.fills);
 	for (uint32_t i = 0; i < CALLER_COUNT; i++) {
 		fixture->accounts[i].policy.weight = ACCOUNT_WEIGHT_USUAL;
-		fixture->callers[i].served = fixture->served;
+		fixture->callers[i].served = fixture->parts.served;
 		queue_entry_init(&fixture->callers[i].entry, &queue_calls, &fixture->callers[i],
 				 i + 1, &fixture->accounts[i]);
 	}
@@ -178,23 +122,13 @@ static void pump(struct fixture *fixture)
 {
 	for (uint32_t i = 0; i < 3; i++)
 		queues_pump(&fixture->queues);
-	fetch_flush(fixture->fetch);
+	fetch_flush(fixture->parts.fetch);
 }
 
 /* Takes what has come back, and begins what can be begun. */
 static void run_once(struct fixture *fixture)
 {
-	struct pollfd fds[] = {
-		{ .fd = fetch_fd(fixture->fetch), .events = POLLIN },
-		{ .fd = workers_fd(fixture->workers), .events = POLLIN },
-	};
-
-	assert_true(poll(fds, 2, 20000) > 0);
-	if (fds[0].revents)
-		fetch_dispatch(fixture->fetch);
-	fills_verify(fixture->fills);
-	if (fds[1].revents)
-		workers_dispatch(fixture->workers);
+	parts_take_reads(&fixture->parts);
 	pump(fixture);
 }
 
@@ -210,15 +144,10 @@ static int teardown(void **state)
 	for (uint32_t i = 0; i < CALLER_COUNT; i++)
 		assert_int_equal(fixture->accounts[i].fetching_count, 0);
 	assert_int_equal(fixture->queues.reader_count, 0);
-	while (fills_count(fixture->fills) > 0)
+	while (fills_count(fixture->parts.fills) > 0)
 		run_once(fixture);
-	cache_check(&fixture->cache);
-	cache_remove_store(&fixture->cache, fixture->served);
-	workers_destroy(fixture->workers);
-	fetch_destroy(fixture->fetch);
-	fills_destroy(fixture->fills);
-	served_close(fixture->served);
-	test_folder_remove(fixture->folder);
+	cache_check(&fixture->parts.cache);
+	parts_end(&fixture->parts);
 	free(fixture);
 	return 0;
 }
@@ -227,8 +156,8 @@ static struct caller *wants(struct fixture *fixture, uint32_t i, uint32_t first,
 {
 	struct caller *caller = &fixture->callers[i];
 
-	assert_true(first + count <= fixture->node_count);
-	caller->fetches = &fixture->nodes[first];
+	assert_true(first + count <= fixture->parts.node_count);
+	caller->fetches = &fixture->parts.nodes[first];
 	caller->fetch_count = count;
 	queues_add_fetch(&fixture->queues, &caller->entry);
 	return caller;
@@ -238,7 +167,7 @@ static struct caller *wishes(struct fixture *fixture, uint32_t i, uint32_t first
 {
 	struct caller *caller = &fixture->callers[i];
 
-	caller->prefetches = &fixture->nodes[first];
+	caller->prefetches = &fixture->parts.nodes[first];
 	caller->prefetch_count = count;
 	queues_add_prefetch(&fixture->queues, &caller->entry);
 	return caller;
@@ -247,10 +176,10 @@ static struct caller *wishes(struct fixture *fixture, uint32_t i, uint32_t first
 /* Neighbours in the file are read with one read. */
 static void put_in_file_order(struct fixture *fixture)
 {
-	const struct store_node *records = fixture->served->records;
-	uint32_t *nodes = fixture->nodes;
+	const struct store_node *records = fixture->parts.served->records;
+	uint32_t *nodes = fixture->parts.nodes;
 
-	for (uint32_t i = 0; i < fixture->node_count; i++)
+	for (uint32_t i = 0; i < fixture->parts.node_count; i++)
 		for (uint32_t k = i;
 		     k > 0 && records[nodes[k]].file_offset < records[nodes[k - 1]].file_offset;
 		     k--) {
@@ -264,15 +193,15 @@ static void put_in_file_order(struct fixture *fixture)
 /* Afterwards none follow each other. */
 static void put_apart(struct fixture *fixture)
 {
-	uint32_t nodes[NODES_MAX];
+	uint32_t nodes[PARTS_NODES_MAX];
 	uint32_t count = 0;
 
 	put_in_file_order(fixture);
 	for (uint32_t k = 0; k < 3; k++)
-		for (uint32_t i = k; i < fixture->node_count; i += 3)
-			nodes[count++] = fixture->nodes[i];
+		for (uint32_t i = k; i < fixture->parts.node_count; i += 3)
+			nodes[count++] = fixture->parts.nodes[i];
 	for (uint32_t i = 0; i < count; i++)
-		fixture->nodes[i] = nodes[i];
+		fixture->parts.nodes[i] = nodes[i];
 }
 
 static void users_read_as_much_as_they_weigh(void **state)
@@ -325,70 +254,71 @@ static void a_prefetch_begins_when_no_fetch_waits(void **state)
 	wishes(fixture, 1, 200, 100);
 	pump(fixture);
 	while (caller->fetch_count > 0) {
-		assert_int_equal(fixture->served->counters.prefetches, 0);
+		assert_int_equal(fixture->parts.served->counters.prefetches, 0);
 		run_once(fixture);
 	}
 	/* And a fetch that comes then goes first again. */
-	while (fixture->served->counters.prefetches < 20)
+	while (fixture->parts.served->counters.prefetches < 20)
 		run_once(fixture);
 	wants(fixture, 0, 300, 100);
 	while (caller->fetch_count > 0) {
-		uint64_t prefetches = fixture->served->counters.prefetches;
+		uint64_t prefetches = fixture->parts.served->counters.prefetches;
 
 		run_once(fixture);
 		if (caller->fetch_count > 0)
-			assert_int_equal(fixture->served->counters.prefetches, prefetches);
+			assert_int_equal(fixture->parts.served->counters.prefetches, prefetches);
 	}
-	assert_int_equal(fills_times(fixture->fills)->wait.count, 300);
-	assert_int_equal(fills_times(fixture->fills)->wait_behind_prefetch.count, 300);
+	assert_int_equal(fills_times(fixture->parts.fills)->wait.count, 300);
+	assert_int_equal(fills_times(fixture->parts.fills)->wait_behind_prefetch.count, 300);
 }
 
 /* Somebody always is about to give something up, and it is always gone. */
 static void no_fetch_waits_for_room_for_ever(void **state)
 {
 	struct fixture *fixture = *state;
-	struct caller *caller = wants(fixture, 0, 0, fixture->node_count);
+	struct caller *caller = wants(fixture, 0, 0, fixture->parts.node_count);
 	uint32_t held_count;
 
-	caller->holder = &fixture->cache;
-	fixture->cache.budget_bytes = fixture->served->arena.segment_bytes;
-	fixture->cache.room_is_coming = true;
+	caller->holder = &fixture->parts.cache;
+	fixture->parts.cache.budget_bytes = fixture->parts.served->arena.segment_bytes;
+	fixture->parts.cache.room_is_coming = true;
 	pump(fixture);
-	while (fills_count(fixture->fills) > 0)
+	while (fills_count(fixture->parts.fills) > 0)
 		run_once(fixture);
-	held_count = fixture->node_count - caller->fetch_count;
+	held_count = fixture->parts.node_count - caller->fetch_count;
 	assert_true(held_count > 0 && caller->fetch_count > 0);
 	assert_int_equal(caller->refused_count, 0);
 
 	caller->wanted_before_ns = (ROOM_WAIT_MS_MAX + 1) * NS_PER_MS;
 	queues_add_fetch(&fixture->queues, &caller->entry);
 	pump(fixture);
-	assert_int_equal(caller->refused_count, fixture->node_count - held_count);
+	assert_int_equal(caller->refused_count, fixture->parts.node_count - held_count);
 	for (uint32_t i = 0; i < held_count; i++)
-		cache_release(&fixture->cache, fixture->served, fixture->nodes[i]);
+		cache_release(&fixture->parts.cache, fixture->parts.served,
+			      fixture->parts.nodes[i]);
 }
 
 static void what_is_prefetched_does_not_change_the_order_of_replacement(void **state)
 {
 	struct fixture *fixture = *state;
 	const struct caller *caller = wants(fixture, 0, 0, 50);
-	const struct served *served = fixture->served;
+	const struct served *served = fixture->parts.served;
 	uint64_t last_use[50];
 
 	pump(fixture);
-	while (caller->fetch_count > 0 || fills_count(fixture->fills) > 0)
+	while (caller->fetch_count > 0 || fills_count(fixture->parts.fills) > 0)
 		run_once(fixture);
 	for (uint32_t i = 0; i < 50; i++)
-		last_use[i] = served->nodes[fixture->nodes[i]].last_use;
+		last_use[i] = served->nodes[fixture->parts.nodes[i]].last_use;
 	/* What others prefetch comes behind it, and what is there is not asked for (session.c). */
 	caller = wishes(fixture, 1, 50, 50);
 	pump(fixture);
-	while (caller->prefetch_count > 0 || fills_count(fixture->fills) > 0)
+	while (caller->prefetch_count > 0 || fills_count(fixture->parts.fills) > 0)
 		run_once(fixture);
 	for (uint32_t i = 0; i < 50; i++)
-		assert_true(served->nodes[fixture->nodes[i]].last_use == last_use[i]);
+		assert_true(served->nodes[fixture->parts.nodes[i]].last_use == last_use[i]);
 	assert_int_equal(served->counters.prefetches, 50);
-	assert_int_equal(fixture->cache.pinned_bytes, 0);
+	assert_int_equal(fixture->parts.cache.pinned_bytes, 0);
 }
 
 static void one_client_leaves_some_of_the_queue_to_others_that_read(void **state)
@@ -400,9 +330,10 @@ static void one_client_leaves_some_of_the_queue_to_others_that_read(void **state
 	/* Alone it may have all. */
 	wants(fixture, 0, 0, 170);
 	pump(fixture);
-	assert_int_equal(fetch_in_flight(fixture->fetch), DEPTH);
+	assert_int_equal(fetch_in_flight(fixture->parts.fetch), PARTS_DEPTH);
 	other = wants(fixture, 1, 400, 1);
-	while (other->fetch_count > 0 || fetch_in_flight(fixture->fetch) > DEPTH * 3 / 4)
+	while (other->fetch_count > 0 ||
+	       fetch_in_flight(fixture->parts.fetch) > PARTS_DEPTH * 3 / 4)
 		run_once(fixture);
 	/* From now on there is room at once for one that has read before. */
 	assert_true(fixture->callers[0].fetch_count > 0);
