@@ -14,19 +14,22 @@
 #include "tools/bench/bench.h"
 #include "tools/bench/crowd/crowd.h"
 
-static const char stress_help[] =
-	"Usage: oocbench stress STORE [OPTION]...\n"
+static const char help[] =
+	"Usage: oocbench stress|soak STORE [OPTION]...\n"
 	"Many clients of one daemon say random sets and are killed, one after the other.  Every payload\n"
 	"that they sum must be right, no request of the living may fail, and in the end nothing may be\n"
 	"left.  One client is never killed and takes the time of sets that lie in the cache whole.\n"
+	"With soak the daemon is killed as well, and reads fail: clients that live must come back by\n"
+	"themselves and see nothing wrong.  What the daemon has early and late in its longest life,\n"
+	"descriptors and memory, is said, not judged.\n"
 	"\n"
-	"  --clients N     at one time (256)\n"
+	"  --clients N     at one time (256; soak: 32)\n"
 	"  --set N         nodes of a set (100)\n"
-	"  --rate N        sets of a client a second, at most (4)\n"
-	"  --seconds N     how long (600)\n"
+	"  --rate N        sets of a client a second, at most (4; soak: 10)\n"
+	"  --seconds N     how long (600; soak: 3600)\n"
 	"  --kill-ms N     between two kills of a client; 0: none (100)\n"
-	"  --restart-s N   between two kills of the daemon; 0: none (0)\n"
-	"  --errors N      of 1000 reads that fail (0)\n"
+	"  --restart-s N   between two kills of the daemon; 0: none (0; soak: 300)\n"
+	"  --errors N      of 1000 reads that fail (0; soak: 10)\n"
 	"  --cache SIZE    of the daemon (three quarters of what is wanted, so that it evicts)\n"
 	"  --hostile       others flood, churn, hoard, forge and grab meanwhile; as root, as another user\n"
 	"  --seed N        (1)\n"
@@ -34,30 +37,8 @@ static const char stress_help[] =
 	"\n"
 	"Exit status 1: something was wrong, failed or left.\n"
 	"\n"
-	"Example:\n"
-	"  oocbench stress plant.ooc --clients 64 --seconds 60\n";
-
-static const char soak_help[] =
-	"Usage: oocbench soak STORE [OPTION]...\n"
-	"As oocbench stress, for long and with less care: clients are killed, the daemon is killed, and\n"
-	"reads fail.  Clients that live must come back by themselves and see nothing wrong.  What the\n"
-	"daemon has early and late in its longest life, descriptors and memory, is said, not judged.\n"
-	"\n"
-	"  --seconds N     how long (3600)\n"
-	"  --clients N     at one time (32)\n"
-	"  --set N         nodes of a set (100)\n"
-	"  --rate N        sets of a client a second, at most (10)\n"
-	"  --kill-ms N     between two kills of a client; 0: none (100)\n"
-	"  --restart-s N   between two kills of the daemon; 0: none (300)\n"
-	"  --errors N      of 1000 reads that fail (10)\n"
-	"  --cache SIZE    of the daemon (three quarters of what is wanted, so that it evicts)\n"
-	"  --hostile       others flood, churn, hoard, forge and grab meanwhile; as root, as another user\n"
-	"  --seed N        (1)\n"
-	"  --json          results for programs\n"
-	"\n"
-	"Exit status 1: something was wrong, failed or left.\n"
-	"\n"
-	"Example:\n"
+	"Examples:\n"
+	"  oocbench stress plant.ooc --clients 64 --seconds 60\n"
 	"  oocbench soak plant.ooc --seconds 600 --restart-s 60\n";
 
 static void crowd_report(const struct crowd_config *config, const struct crowd_result *result,
@@ -120,8 +101,7 @@ static bool is_sound(const struct crowd_result *result)
 }
 
 /* Takes the command line, runs the crowd, and says what was found. */
-static int run(const char *verb, const char *help, struct crowd_config *config, int argc,
-	       char **argv)
+static int run(const char *verb, struct crowd_config *config, int argc, char **argv)
 {
 	bool is_json = false;
 	const struct argument table[] = {
@@ -165,7 +145,7 @@ int verb_stress(int argc, char **argv)
 		.seed = 1,
 	};
 
-	return run("stress", stress_help, &config, argc, argv);
+	return run("stress", &config, argc, argv);
 }
 
 int verb_soak(int argc, char **argv)
@@ -181,5 +161,5 @@ int verb_soak(int argc, char **argv)
 		.seed = 1,
 	};
 
-	return run("soak", soak_help, &config, argc, argv);
+	return run("soak", &config, argc, argv);
 }
