@@ -108,13 +108,11 @@ static bool add_option(struct arguments *arguments, const char *key, const char 
 /* Returns: -1 to go on, or the exit status. */
 static int parse_arguments(int argc, char **argv, struct arguments *ret)
 {
-	static char program[] = "oocd";
 	bool ok = true;
 	int index = 0;
 	int code;
 
-	/* getopt_long() puts it in front of what it says. */
-	argv[0] = program;
+	opterr = 0;
 	while (ok && (code = getopt_long(argc, argv, "", options, &index)) != -1) {
 		switch (code) {
 		case OPTION_HELP:
@@ -133,16 +131,15 @@ static int parse_arguments(int argc, char **argv, struct arguments *ret)
 			ok = add_option(ret, options[index].name, optarg ? optarg : "yes");
 			break;
 		default:
-			ok = false;
-			break;
+			log_error("%s: no such option, or its value is missing; "
+				  "oocd --help says more",
+				  argv[optind - 1]);
+			return EXIT_USAGE;
 		}
 	}
 	for (int i = optind; ok && i < argc; i++)
 		ok = add_option(ret, "store", argv[i]);
-	if (ok)
-		return -1;
-	fputs("Try 'oocd --help'.\n", stderr);
-	return EXIT_USAGE;
+	return ok ? -1 : EXIT_USAGE;
 }
 
 static int check_config(const char *path)

@@ -454,7 +454,6 @@ static void take_preset(struct options *options, int argc, char **argv)
 		if (key == OPTION_PRESET)
 			options->preset = preset_find(optarg);
 	}
-	opterr = 1;
 	optind = 0; /* GNU: begin anew */
 	if (!options->preset)
 		return;
@@ -478,12 +477,9 @@ enum options_verdict options_read(struct options *ret, int argc, char **argv)
 		.error_percent = -1.0,
 		.repeat_count = 1,
 	};
-	static char program[] = "oocview";
 	struct given given = { .speed = 1.0 };
 	int key;
 
-	/* getopt_long() puts it in front of what it says. */
-	argv[0] = program;
 	take_preset(&options, argc, argv);
 	while ((key = getopt_long(argc, argv, "hV", long_options, NULL)) != -1) {
 		switch (key) {
@@ -494,7 +490,9 @@ enum options_verdict options_read(struct options *ret, int argc, char **argv)
 			(void)puts("oocview " OOCD_VERSION);
 			return OPTIONS_DONE;
 		case '?':
-			/* getopt_long() has said what. */
+			log_error("%s: no such option, or its value is missing; "
+				  "oocview --help says more",
+				  argv[optind - 1]);
 			return OPTIONS_WRONG;
 		default:
 			if (take(&options, &given, key, optarg) < 0) {
