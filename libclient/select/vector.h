@@ -25,12 +25,14 @@ static inline void vector_cross(const double a[3], const double b[3], double ret
 /** Turns v about a unit axis, by radians (Rodrigues).  ret may be v. */
 static inline void vector_turn(const double v[3], const double axis[3], double angle, double ret[3])
 {
-	double along = vector_dot(axis, v) * (1.0 - cos(angle));
+	double cosine = cos(angle);
+	double sine = sin(angle);
+	double along = vector_dot(axis, v) * (1.0 - cosine);
 	double side[3];
 
 	vector_cross(axis, v, side);
 	for (unsigned k = 0; k < 3; k++)
-		ret[k] = v[k] * cos(angle) + side[k] * sin(angle) + axis[k] * along;
+		ret[k] = v[k] * cosine + side[k] * sine + axis[k] * along;
 }
 
 #endif /* LIBCLIENT_SELECT_VECTOR_H */
