@@ -14,7 +14,7 @@
  *	Density", NSDI 2018; with the best horizon of Gittins (1979) in place of the mean lifetime, and
  *	with the whole history in place of that of residents.
  *
- * Threads: loop thread.  Memory: 11 bytes a node and 43 KB, at creation.
+ * Threads: loop thread.  Memory: 11 bytes a node and 44 KB, at creation.
  */
 #ifndef DAEMON_CACHE_REUSE_H
 #define DAEMON_CACHE_REUSE_H

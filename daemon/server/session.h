@@ -12,7 +12,7 @@
  * socket has room, so that a client that reads slowly gets fewer and newer messages, and one that
  * does not read costs nothing.
  *
- * Holds are leases.  A client that holds what others may have is asked for its set again (RECALL) when
+ * Holds are leases.  A client that holds what others may have is asked to let go (RECALL) when
  * it does not say it anyway; a client that has said nothing for half its lease while more is wanted
  * than fits is asked as well.  Who gives nothing back and does not answer for a whole lease is
  * disconnected.  While there is room for all nobody is asked anything.

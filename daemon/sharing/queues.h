@@ -71,12 +71,13 @@ void queue_entry_done(struct queues *queues, struct queue_entry *entry);
 
 /** The session may have wants that wait, perhaps others than before.  Harmless when it has none. */
 void queues_add_fetch(struct queues *queues, struct queue_entry *entry);
+void queues_add_prefetch(struct queues *queues, struct queue_entry *entry);
+
+/** Does it wait for fetches already? */
 static inline bool queues_has_fetch(const struct queue_entry *entry)
 {
 	return !list_is_empty(&entry->fetch_link);
 }
-
-void queues_add_prefetch(struct queues *queues, struct queue_entry *entry);
 
 /** Begins what can be begun. */
 void queues_pump(struct queues *queues);

@@ -28,7 +28,7 @@
  * refused, and a hold on it is *revoked*: its grant bit is cleared at once, the hold itself is given
  * up later, for the client may be drawing the node.  It is given up when the client retires what it
  * drew before a set that it surely sent after the bit was cleared: one that came after its socket had
- * been seen empty (visible_note_quiet).  A client that sends none is asked for one (session.h).
+ * been seen empty (visible_note_quiet).  A client that says nothing is asked to let go (session.h).
  *
  * Order towards clients (all of it is in daemon/README.md): a grant is cleared before its hold is
  * given up, and `acknowledged` is written after all grants of the set are right.

@@ -95,7 +95,10 @@ static int run_walk(const struct contestant *contestant, void *self,
 	return 0;
 }
 
-/* Opens, if nothing has gone wrong yet; tells that it is ready, then runs when it is told to, until the other side hangs up. */
+/*
+ * Opens, if nothing has gone wrong yet; tells that it is ready, then runs when it is told to, until the
+ * other side hangs up.
+ */
 static void contestant_live(const struct contestant *contestant,
 			    const struct contest_config *config, int fd, struct shared *shared)
 {
