@@ -219,6 +219,9 @@ static void verify_names_what_is_damaged(void **state)
 	json = command_json("verify --json", store, 1);
 	assert_int_equal(json_array_size(json_object_get(json, "damage")), 1);
 	json_decref(json);
+	assert_int_equal(test_command(output, sizeof(output), "$OOCD_BIN/oocctl verify %s", store),
+			 1);
+	assert_non_null(strstr(output, "grid.ooc: is no store; build it again"));
 	assert_int_equal(test_command(output, sizeof(output), "$OOCD_BIN/oocctl verify %s/none",
 				      (char *)*state),
 			 1);

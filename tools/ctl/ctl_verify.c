@@ -21,6 +21,7 @@ struct report {
 	const char *path;
 	bool json;
 	uint64_t damage_count;
+	struct why newest;      /* what was damaged last */
 	struct ctl_store store; /* file is NULL where it does not even open */
 };
 
@@ -161,6 +162,7 @@ static void on_damage(void *arg, uint32_t node_index, int error, const struct wh
 	struct report *report = arg;
 
 	(void)error;
+	report->newest = *why;
 	if (report->json)
 		print_json_damage(report, node_index, why);
 	else
@@ -215,7 +217,10 @@ static int verify(struct report *report)
 			       summary.nodes_read, text_from_size(summary.bytes_read, size));
 		return CTL_OK;
 	}
-	if (r == -EBADMSG)
+	if (r == -EBADMSG && summary.nodes_read == 0)
+		log_error("%s: %s; build it again, or restore a copy", report->path,
+			  report->newest.text);
+	else if (r == -EBADMSG)
 		log_error("%s: damaged: %" PRIu64 " of %" PRIu64 " payloads, %" PRIu64
 			  " faults; build it again, or restore a copy",
 			  report->path, summary.nodes_damaged, summary.nodes_read,
